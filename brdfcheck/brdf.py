@@ -1,0 +1,119 @@
+"""What a BRDF offers to an integrator. The abstract classes; their final ones are in `lobes` and `microfacet`.
+
+Three levels, from the least to the most that is known about a BRDF:
+
+* `AbstractBRDF`: it can be called, ``f(wi, wo)`` in 1/sr.
+* `AbstractMicrofacetLobe`: it is a product of terms around the half vector, D(h) G F.
+* `AbstractZonalLobe`: it depends on one angle only, to the mirror direction or between normal and half vector.
+
+A lobe says where it lives (its width, its support, the angles at which its formula changes). It knows no quadrature.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from brdfcheck import geometry
+
+Form = Literal["mirror", "half"]
+FORMS: tuple[Form, ...] = ("mirror", "half")
+
+
+def as_parameter(value: object) -> Array:
+    """`value` as a floating-point array leaf: a traced value stays as it is, a number takes JAX's default precision."""
+    array = jnp.asarray(value)
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def checked_form(form: str) -> Form:
+    """`form` itself if it is one of `FORMS`; ValueError otherwise."""
+    for known in FORMS:
+        if form == known:
+            return known
+    raise ValueError(f"form must be one of {', '.join(FORMS)}; got {form!r}")
+
+
+class AbstractBRDF(eqx.Module):
+    """A BRDF f(wi, wo) in 1/sr, for unit vectors of shape (..., 3) with N = +z. Returns shape (...), or (..., channels)."""
+
+    @abc.abstractmethod
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """The value of the BRDF in 1/sr; 0 where a direction lies below the surface."""
+
+
+class AbstractZonalLobe(AbstractBRDF):
+    """A BRDF that depends on one angle: from the mirror direction ("mirror") or from N to the half vector ("half").
+
+    In the mirror form the lobe is 0 at 90 degrees from the mirror direction and beyond.
+    """
+
+    form: eqx.AbstractVar[Form]
+
+    @abc.abstractmethod
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+        """g as a function of 1 - cos(angle), with the versine in [0, 1]; 1 at 0."""
+
+    @abc.abstractmethod
+    def width(self) -> Float[Array, ""]:
+        """The angle (radians) over which the profile changes near its centre."""
+
+    @abc.abstractmethod
+    def breaks(self) -> Float[Array, " breaks"]:
+        """Rising versines where the formula changes; the last one is where the lobe ends or falls below 1e-17."""
+
+    def smoothness(self) -> float:
+        """The order of the sharpest break inside the profile's domain: the power with which it sets in; inf for none."""
+        return 0.0
+
+    def amplitude(self) -> Float[Array, "..."]:
+        """What the profile is multiplied by, in 1/sr: a number, or one number for each channel."""
+        return jnp.ones_like(self.width())
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """The value of the lobe in 1/sr, shape (...), or (..., channels) where the amplitude has channels."""
+        wi, wo = jnp.asarray(wi), jnp.asarray(wo)
+        if self.form == "mirror":
+            versine = geometry.mirror_versine(wi, wo)
+            visible = geometry.above_horizon(wi, wo) & (versine < 1)
+        else:
+            versine = geometry.half_versine(wi, wo)
+            visible = geometry.above_horizon(wi, wo)
+        # The profile is never shown a versine outside its domain: a masked branch would still poison the gradient.
+        value = jnp.where(visible, self.profile(jnp.where(visible, versine, 0)), 0)
+        amplitude = self.amplitude()
+        return value[..., None] * amplitude if amplitude.ndim else value * amplitude
+
+
+class AbstractMicrofacetLobe(AbstractBRDF):
+    """A BRDF made of a facet distribution D, a masking term G and a Fresnel term F, all about the half vector."""
+
+    @abc.abstractmethod
+    def facet_kernel(
+        self,
+        half_cosine: Float[Array, "..."],
+        half_sine_squared: Float[Array, "..."],
+        cos_theta_i: Float[Array, "..."],
+        cos_theta_o: Float[Array, "..."],
+        incident_half_cosine: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
+        """f(wi, wo) (N.wo) 4 (wi.H): what is integrated over the solid angle of H. Finite at grazing incidence.
+
+        The arguments are N.H, 1 - (N.H)^2, N.wi > 0, N.wo and wi.H; RGB lobes return a trailing channel axis.
+        """
+
+    @abc.abstractmethod
+    def width(self) -> Float[Array, ""]:
+        """The angle (radians) over which the facet distribution changes near its centre."""
+
+    @abc.abstractmethod
+    def breaks(self, cos_theta: Float[Array, ""]) -> Float[Array, " breaks"]:
+        """Rising versines 1 - N.H where the kernel changes form for this incidence; the last one ends the distribution."""
+
+    @abc.abstractmethod
+    def azimuth_breaks(self, half_cosine: Float[Array, " h"], cos_theta: Float[Array, ""]) -> Float[Array, "kinks h"]:
+        """Falling values of wi.H at which the kernel changes form while H turns about N at a fixed N.H."""

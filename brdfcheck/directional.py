@@ -1,0 +1,301 @@
+r"""The directional albedo $E(w_i) = \int f(w_i, w_o)(N \cdot w_o)\, dw_o$: where a BRDF and a quadrature rule meet.
+
+One door, three engines, chosen by what the BRDF offers:
+
+1. a lobe about one axis: exact azimuth, one-dimensional (`quadrature.zonal`);
+2. a microfacet lobe: two-dimensional over the half vector (`quadrature.half_vector`);
+3. anything else that can be called: adaptive over the hemisphere (`quadrature.adaptive`).
+
+Engines 1 and 2 are pure JAX: they may be jitted, batched with `jax.vmap` and differentiated. Every result carries an
+error bar: the difference between two rules of different order plus a bound on the rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, Form
+from brdfcheck.callables import Evaluator
+from brdfcheck.factors import Normalized, PerCosine
+from brdfcheck.quadrature.adaptive import integrate_hemisphere
+from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
+from brdfcheck.quadrature.polar import Order
+from brdfcheck.quadrature.zonal import zonal_weights
+
+# Rounding of a weighted sum in units of the machine epsilon: nodes, weights and profile each contribute a few.
+ROUNDING = 32
+# Incidences integrated together; bounds the memory of large requests.
+_BATCH = 256
+_BATCH_2D = 16
+# Engine 3 takes the grazing limit at this cosine.
+_GRAZING = 1e-9
+
+
+class Albedo(eqx.Module):
+    """Directional albedo with its error bar.
+
+    `value` has the shape of cos_theta (tables: (n, cos_theta)), with a trailing channel axis for RGB; it is never
+    clamped. `error`, same shape, bounds the absolute error. `evaluations` counts evaluations of the BRDF for one
+    incidence (engines 1 and 2) or over all of them (engine 3). `engine` names the engine.
+    """
+
+    value: Float[Array, "..."]
+    error: Float[Array, "..."]
+    evaluations: Int[Array, "..."]
+    engine: str = eqx.field(static=True)
+
+
+def _digits(rtol: float | None, default: float, dtype: Any) -> float:
+    if rtol is not None and (not isinstance(rtol, (int, float)) or not 0 < rtol < 1):
+        raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
+    digits = -math.log10(default if rtol is None else rtol)
+    return min(digits, -math.log10(float(jnp.finfo(dtype).eps)) - 1)
+
+
+def _zonal_orders(digits: float) -> tuple[Order, Order]:
+    # The counts at which the worst lobe of the catalogue (Schlick at n = 1e7, cos^0.05) has that many digits.
+    coarse = (math.ceil(4 * digits), math.ceil(14 + 5.5 * digits))
+    return Order(coarse[0] + 16, coarse[1] + 16), Order(*coarse)
+
+
+def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, HalfVectorOrder]:
+    if sharp:  # V-cavities: six panels, square roots at their ends, up to three smooth pieces in azimuth
+        circle, cut, azimuth, grading = 3.6 * digits, 4.4 * digits, 1.4 * digits, (2, 3)
+    else:
+        circle, cut, azimuth, grading = 4.8 * digits, 7 * digits + 6, 4 * digits, (1, 3)
+    fine, coarse = (
+        HalfVectorOrder(
+            Order(math.ceil(part * circle), math.ceil(part * cut), grading, (3, 3)), math.ceil(part * azimuth)
+        )
+        for part in (1.0, 0.8)
+    )
+    return fine, coarse
+
+
+def peel(brdf: AbstractBRDF) -> tuple[AbstractBRDF, Callable[[Array], Array]]:
+    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta."""
+    if isinstance(brdf, Normalized):
+        core, inner = peel(brdf.lobe)
+        return core, lambda mu: brdf.scale() * inner(mu)
+    if isinstance(brdf, PerCosine):
+        core, inner = peel(brdf.base)
+        return core, lambda mu: inner(mu) / mu
+    return brdf, jnp.ones_like
+
+
+def has_engine(brdf: object) -> bool:
+    """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
+    if not isinstance(brdf, AbstractBRDF):
+        return False
+    return isinstance(peel(brdf)[0], (AbstractZonalLobe, AbstractMicrofacetLobe))
+
+
+def one(core: AbstractBRDF, mu: Array, rtol: float | None) -> tuple[Array, Array, int]:
+    """Engine 1 or 2 for a lobe without wrappers and a scalar cosine: (value, error, evaluations)."""
+    epsilon = float(jnp.finfo(mu.dtype).eps)
+    if isinstance(core, AbstractZonalLobe):
+        orders = _zonal_orders(_digits(rtol, 1e-12, mu.dtype))
+        versine, weight = zonal_weights(core.form, mu, core.breaks(), core.width(), orders)
+        return *_weighted(core, versine, weight), versine.size
+    assert isinstance(core, AbstractMicrofacetLobe)
+    digits = _digits(rtol, 1e-10, mu.dtype)
+    sharp = getattr(core, "masking", "") == "v-cavities"
+    (fine, coarse), count = half_vector_albedo(core, mu, _half_vector_orders(digits, sharp))
+    # In two dimensions the difference of two rules may vanish by chance; never claim more than what was aimed at.
+    return fine, _bar(fine, coarse, epsilon) + 10**-digits * jnp.abs(fine), count
+
+
+def _weighted(core: AbstractZonalLobe, versine: Array, weight: Array) -> tuple[Array, Array]:
+    """(albedo, error) of a lobe from the nodes of two rules."""
+    epsilon = float(jnp.finfo(versine.dtype).eps)
+    profile = core.profile(versine)
+    fine, coarse = weight @ profile
+    # Towards 90 degrees the nodes keep absolute, not relative, accuracy in cos: only the unclamped lobe notices.
+    rounding = jnp.abs(weight[0]) @ jnp.abs(profile / jnp.maximum(1 - versine, epsilon))
+    error = _bar(fine, coarse, epsilon) + 4 * epsilon * rounding
+    amplitude = core.amplitude()
+    return fine * amplitude, error * jnp.abs(amplitude)
+
+
+def _bar(fine: Array, coarse: Array, epsilon: float) -> Array:
+    error = jnp.abs(fine - coarse) + ROUNDING * epsilon * jnp.abs(fine)
+    return jnp.where(jnp.isfinite(error), error, jnp.inf)  # overflow: the value is unknown
+
+
+def batched(function: Callable, arguments: Any, size: int, batch: int) -> Any:
+    """`function` over the leading axis of `arguments`, at most `batch` rows at a time."""
+    if size <= batch:
+        return jax.vmap(function)(arguments)
+    return jax.lax.map(function, arguments, batch_size=batch)
+
+
+def batch_size(core: AbstractBRDF) -> int:
+    """Incidences integrated together, which bounds the memory of a large request."""
+    return _BATCH if isinstance(core, AbstractZonalLobe) else _BATCH_2D
+
+
+@eqx.filter_jit
+def _shared_lobe(brdf: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[Array, Array, int]:
+    """One BRDF, cosines of any shape."""
+    core, scale = peel(brdf)
+    flat = cos_theta.reshape(-1)
+    count = 0
+
+    def cell(mu: Array) -> tuple[Array, Array]:
+        nonlocal count
+        value, error, count = one(core, mu, rtol)
+        factor = scale(mu)
+        return value * factor, error * jnp.abs(factor)
+
+    value, error = batched(cell, flat, flat.size, batch_size(core))
+    shape = cos_theta.shape + value.shape[1:]
+    return value.reshape(shape), error.reshape(shape), count
+
+
+def paired_lobes(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[Array, Array, int]:
+    """Lobes with leaves batched over the same axis as the cosines, without their factors: (value, error, evaluations).
+
+    `evaluations` counts those for one incidence. For lobes about an axis the work is split in three programs, of which
+    the largest, the nodes, serves all lobes of a form: a process that looks at many lobes compiles a third as much.
+    """
+    if isinstance(cores, AbstractZonalLobe):
+        breaks, width = _extents(cores)
+        versine, weight = _nodes(cores.form, cos_theta, breaks, width, rtol)
+        value, error = _weighted_lobes(cores, versine, weight)
+        return value, error, versine.shape[-1]
+    return _paired_facets(cores, cos_theta, rtol)
+
+
+@eqx.filter_jit
+def _extents(cores: AbstractZonalLobe) -> tuple[Array, Array]:
+    return eqx.filter_vmap(lambda core: (core.breaks(), core.width()))(cores)
+
+
+@eqx.filter_jit
+def _nodes(form: Form, cos_theta: Array, breaks: Array, width: Array, rtol: float | None) -> tuple[Array, Array]:
+    orders = _zonal_orders(_digits(rtol, 1e-12, cos_theta.dtype))
+    return jax.vmap(lambda *row: zonal_weights(form, *row, orders))(cos_theta, breaks, width)
+
+
+@eqx.filter_jit
+def _weighted_lobes(cores: AbstractZonalLobe, versine: Array, weight: Array) -> tuple[Array, Array]:
+    return eqx.filter_vmap(_weighted)(cores, versine, weight)
+
+
+@eqx.filter_jit
+def _paired_facets(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[Array, Array, int]:
+    dynamic, static = eqx.partition(cores, eqx.is_array)
+    count = 0
+
+    def cell(pair: tuple[Any, Array]) -> tuple[Array, Array]:
+        nonlocal count
+        leaves, mu = pair
+        value, error, count = one(eqx.combine(leaves, static), mu, rtol)
+        return value, error
+
+    value, error = batched(cell, (dynamic, cos_theta), cos_theta.size, _BATCH_2D)
+    return value, error, count
+
+
+def checked_cosines(cos_theta: object) -> Array:
+    """`cos_theta` as a floating-point array; ValueError where a value is not in [0, 1]. Traced values pass."""
+    if isinstance(cos_theta, jax.core.Tracer):
+        return cos_theta
+    values = np.asarray(cos_theta)
+    if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
+        raise ValueError(f"cos_theta must be real numbers in [0, 1]; got {cos_theta!r}")
+    if not np.all((values >= 0) & (values <= 1)):  # also refuses NaN
+        wrong = values[~((values >= 0) & (values <= 1))].flat[0]
+        raise ValueError(f"cos_theta must lie in [0, 1]; got {wrong:g}")
+    array = jnp.asarray(cos_theta)
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def albedo(
+    brdf: Callable[..., Any],
+    cos_theta: Float[Array, "..."] | float,
+    *,
+    azimuth: Float[Array, "..."] | float = 0.0,
+    rtol: float | None = None,
+) -> Albedo:
+    """The directional albedo of a BRDF at the cosines of incidence `cos_theta`, any shape, in [0, 1]; 0 is the limit.
+
+    `brdf`: a lobe of this package, or any function ``f(wi, wo)`` on unit vectors (..., 3) with N = +z, in 1/sr: one
+    that JAX can trace, or a numpy function (slower; a log message says so). `azimuth`: incidence azimuth (radians) for
+    anisotropic BRDFs; broadcasts with cos_theta. `rtol`: the accuracy aimed at; by default the best of the engine (1e-12
+    for lobes about an axis, 1e-10 for microfacets, 1e-8 for functions).
+
+    Lobes with batched parameters are evaluated by ``jax.vmap(albedo, (0, None))(lobe, cos_theta)``.
+    Raises ValueError for cosines outside [0, 1] or a bad rtol, TypeError for something that cannot be called.
+    """
+    mu = checked_cosines(cos_theta)
+    if has_engine(brdf):
+        _refuse_batched(brdf)
+        brdf, mu = _of_one_type(brdf, mu)
+        mu = jnp.broadcast_to(mu, jnp.broadcast_shapes(mu.shape, jnp.shape(azimuth)))
+        value, error, count = _shared_lobe(brdf, mu, rtol)
+        core = peel(brdf)[0]  # pyright: ignore[reportArgumentType]
+        engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
+        return Albedo(value, error, jnp.asarray(count), engine)
+    if not callable(brdf):
+        raise TypeError(f"a BRDF must be callable, f(wi, wo); got {type(brdf).__name__}")
+    if isinstance(mu, jax.core.Tracer) or isinstance(azimuth, jax.core.Tracer):
+        raise TypeError("the adaptive engine runs on the host: call albedo outside jit, vmap and grad for a function")
+    evaluator = Evaluator(lambda: brdf, {})
+    return adaptive_albedo(evaluator.bind({}), mu, azimuth, 1e-8 if rtol is None else rtol, slow=evaluator.slow)
+
+
+def adaptive_albedo(
+    evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    cos_theta: object,
+    azimuth: object,
+    rtol: float,
+    *,
+    slow: bool = False,
+    max_evaluations: int = 4_000_000,
+) -> Albedo:
+    """Engine 3 for a bound `Evaluator`: integrates each incidence by itself. Results are numpy arrays."""
+    cosines, azimuths = np.broadcast_arrays(np.asarray(cos_theta, float), np.asarray(azimuth, float))
+    values, errors, count = [], [], 0
+    for mu, turn in zip(cosines.ravel(), azimuths.ravel(), strict=True):
+        mu = max(float(mu), _GRAZING)
+        sine = math.sqrt((1 - mu) * (1 + mu))
+        wi = np.array([sine * math.cos(turn), sine * math.sin(turn), mu])
+        result = integrate_hemisphere(
+            lambda wo, wi=wi: evaluate(np.broadcast_to(wi, wo.shape), wo),
+            mu,
+            float(turn),
+            tolerance=rtol,
+            max_evaluations=max_evaluations,
+        )
+        # Where f was not finite the integral is unknown, whatever the rule says about the rest.
+        values.append(result.value if result.nonfinite == 0 else np.full_like(result.value, np.nan))
+        errors.append(result.error if result.nonfinite == 0 else np.full_like(result.error, np.inf))
+        count += result.evaluations
+    shape = cosines.shape + np.shape(values[0]) if values else cosines.shape
+    engine = "adaptive (numpy)" if slow else "adaptive"
+    return Albedo(np.reshape(values, shape), np.reshape(errors, shape), np.asarray(count), engine)  # pyright: ignore[reportArgumentType]
+
+
+def _of_one_type(brdf: Any, mu: Array) -> tuple[Any, Array]:
+    """Parameters and cosines in the wider of their types, so that a rule runs in one precision throughout."""
+    leaves = [leaf.dtype for leaf in jax.tree.leaves(brdf) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    dtype = np.result_type(mu.dtype, *leaves)
+    return jax.tree.map(lambda leaf: leaf.astype(dtype), brdf), mu.astype(dtype)
+
+
+def _refuse_batched(brdf: Any) -> None:
+    n = getattr(peel(brdf)[0], "n", None)
+    if n is not None and n.ndim:
+        raise ValueError(
+            f"this lobe holds a batch of exponents of shape {n.shape}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
+            " or albedo_table"
+        )

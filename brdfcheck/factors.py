@@ -1,0 +1,106 @@
+"""Normalisation factors, and the lobe that a factor makes into a BRDF.
+
+A lobe has peak value 1; its factor is what it is multiplied by, as a function of its exponent. `Factor(A, B)` is the
+two-constant form (n+A)/B of the literature; the closed forms make the albedo at normal incidence exactly 1.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe, as_parameter
+
+_TINY = 1e-18
+
+
+class AbstractFactor(eqx.Module):
+    """What a lobe is multiplied by, in 1/sr, as a function of its exponent."""
+
+    @abc.abstractmethod
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The factor at the exponents `n`, same shape."""
+
+
+@final
+class Factor(AbstractFactor):
+    r"""The two-constant factor $(n + A) / B$. ValueError unless A and B are finite and B > 0."""
+
+    A: Float[Array, ""]
+    B: Float[Array, ""]
+
+    def __init__(self, A: object, B: object):
+        self.A, self.B = as_parameter(A), as_parameter(B)
+        if not isinstance(self.A, jax.core.Tracer) and not np.all(np.isfinite(np.asarray(self.A))):
+            raise ValueError(f"A must be finite; got {A}")
+        if not isinstance(self.B, jax.core.Tracer):
+            values = np.asarray(self.B)
+            if not np.all(np.isfinite(values) & (values > 0)):
+                raise ValueError(f"B must be finite and > 0; got {B}")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return (n + self.A) / self.B
+
+
+@final
+class PhongExact(AbstractFactor):
+    r"""$(n+2)/(2\pi)$: the mirror-form power reflects exactly 1 at normal incidence (Lafortune & Willems 1994)."""
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return (n + 2) / (2 * np.pi)
+
+
+@final
+class BlinnPhongExact(AbstractFactor):
+    r"""$(n+2)(n+4)/(8\pi(2^{-n/2}+n))$: the half-form power reflects exactly 1 at normal incidence (Giesen 2009)."""
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return (n + 2) * (n + 4) / (8 * np.pi * (jnp.exp2(-n / 2) + n))
+
+
+@final
+class Normalized(AbstractBRDF):
+    """A lobe times its factor: ``factor(lobe.n) * lobe(wi, wo)`` in 1/sr.
+
+    TypeError where the lobe has no exponent `n` or the factor is not callable.
+    """
+
+    lobe: AbstractZonalLobe
+    factor: AbstractFactor
+
+    def __init__(self, lobe: AbstractZonalLobe, factor: AbstractFactor):
+        if not hasattr(lobe, "n"):
+            raise TypeError(f"a factor needs a lobe with an exponent n; got {type(lobe).__name__}")
+        if not callable(factor):
+            raise TypeError(f"factor must be a Factor or a closed form; got {factor!r}")
+        self.lobe = lobe
+        self.factor = factor
+
+    def scale(self) -> Float[Array, ""]:
+        """The factor at the lobe's own exponent."""
+        return self.factor(self.lobe.n)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        return self.scale() * self.lobe(wi, wo)
+
+
+@final
+class PerCosine(AbstractBRDF):
+    """A BRDF divided by N.L: what the classical shading formulas amount to when their specular term lacks the cosine.
+
+    Not reciprocal, and its albedo grows without bound towards grazing incidence.
+    """
+
+    base: AbstractBRDF
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        wi = jnp.asarray(wi)
+        value = self.base(wi, wo)
+        cosine = jnp.maximum(wi[..., 2], _TINY)
+        return value / (cosine if value.ndim == cosine.ndim else cosine[..., None])

@@ -1,0 +1,321 @@
+"""Lobes made of facets: distribution D, masking G, Fresnel F about the half vector.
+
+``f = F D G / (4 (N.L)(N.V))`` with D normalised so that the facets' projected area is 1. `CookTorrance` also offers the
+form in which it was published, ``F D' G / (pi (N.L)(N.V))`` with D' = pi D, which is four times as large.
+
+The masking terms are written as G / ((N.L)(N.V)) with the cosines cancelled, so nothing is 0/0 at grazing angles.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Literal, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import erf
+from jaxtyping import Array, Float
+
+from brdfcheck import geometry
+from brdfcheck.brdf import AbstractMicrofacetLobe, as_parameter
+
+Masking = Literal["v-cavities", "smith-separable", "smith-correlated", "none"]
+MASKINGS: tuple[Masking, ...] = ("v-cavities", "smith-separable", "smith-correlated", "none")
+Convention = Literal["correct", "published"]
+CONVENTIONS: tuple[Convention, ...] = ("correct", "published")
+
+# exp(-40) = 4e-18 of the distribution's peak.
+_NEGLIGIBLE = 40.0
+# Kept off exact zeros; its square is a normal float32 number.
+_TINY = 1e-18
+
+
+def fresnel_dielectric(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
+    r"""Unpolarised Fresnel reflectance, with eta from the reflectance `f0` at normal incidence; exactly 1 for f0 = 1.
+
+    $F = \frac12 \left(\frac{g-c}{g+c}\right)^2 \left\{1 + \left[\frac{c(g+c)-1}{c(g-c)+1}\right]^2\right\}$ with
+    $g^2 = \eta^2 + c^2 - 1$, $\eta = (1+\sqrt{F_0})/(1-\sqrt{F_0})$ (Cook & Torrance 1982). Shapes broadcast.
+    """
+    root = jnp.sqrt(jnp.maximum(f0, _TINY))
+    metal = root >= 1
+    eta = jnp.where(metal, 1.5, (1 + root) / jnp.where(metal, 1, 1 - root))
+    c = cosine
+    g = jnp.sqrt(jnp.maximum(eta * eta + c * c - 1, _TINY * _TINY))
+    # At f0 = 0 there is no surface (eta = 1, g = c): the quotients below stay finite and the first one is 0.
+    across = (g - c) / jnp.maximum(g + c, _TINY)
+    along = (c * (g + c) - 1) / (c * (g - c) + 1)
+    return jnp.where(metal, 1.0, across**2 * (1 + along**2) / 2)
+
+
+def fresnel_schlick(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
+    r"""$F_0 + (1 - F_0)(1 - \cos)^5$ (Schlick 1994). Shapes broadcast."""
+    return f0 + (1 - f0) * (1 - cosine) ** 5
+
+
+FRESNELS = {"dielectric": fresnel_dielectric, "schlick": fresnel_schlick}
+
+
+def _checked(value: object, name: str, low: float, high: float, *, open_below: bool = False) -> Array:
+    array = as_parameter(value)
+    if not isinstance(array, jax.core.Tracer):
+        values = np.asarray(array)
+        good = np.isfinite(values) & (values <= high) & ((values > low) if open_below else (values >= low))
+        if values.size == 0 or not np.all(good):
+            below = f"> {low:g}" if open_below else f">= {low:g}"
+            above = "" if high == np.inf else f" and <= {high:g}"
+            raise ValueError(f"{name} must be finite and {below}{above}; got {value}")
+    return array
+
+
+def _is_one(f0: Array) -> bool:
+    """True where f0 is known to be the number 1: then F = 1 and no Fresnel term is ever evaluated."""
+    return not isinstance(f0, jax.core.Tracer) and f0.ndim == 0 and bool(np.asarray(f0) == 1)
+
+
+def _choice(value: str, allowed: tuple[str, ...], name: str) -> str:
+    if value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(allowed)}; got {value!r}")
+    return value
+
+
+class _FacetLobe(AbstractMicrofacetLobe):
+    """What lobes share whose distribution has slopes of one shape: kernels, masking, kinks."""
+
+    f0: eqx.AbstractVar[Array]
+    fresnel: eqx.AbstractVar[str]
+    masking: eqx.AbstractVar[str]
+    perfect: eqx.AbstractVar[bool]
+
+    @abc.abstractmethod
+    def distribution(
+        self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
+        """D(h) in 1/sr, normalised to a projected area of 1 where the weights are."""
+
+    @abc.abstractmethod
+    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Smith's (numerator, denominator) with G1 = cosine * numerator / denominator, finite down to cosine 0.
+
+        The denominator is 1 + Lambda times the same positive quantity that scales the numerator.
+        """
+
+    def scale(self) -> float:
+        """What the published convention multiplies the correct one by."""
+        return 1.0
+
+    def _masking_over_cosines(self, n_h: Array, mu_i: Array, mu_o: Array, i_h: Array) -> Array:
+        """G / (mu_i mu_o) times mu_i: what remains of the quotient once the viewer's cosine has been cancelled."""
+        if self.masking == "none":
+            return 1 / jnp.maximum(mu_o, _TINY)
+        if self.masking == "v-cavities":
+            # min{1, 2 (N.H) mu_o / i_h, 2 (N.H) mu_i / i_h} / mu_o, arranged so that only mu_o > 0 is divided by.
+            safe_o = jnp.maximum(mu_o, _TINY)
+            return jnp.minimum(jnp.minimum(i_h, 2 * n_h * mu_i) / safe_o, 2 * n_h) / jnp.maximum(i_h, _TINY)
+        top_i, bottom_i = self.shadowing(mu_i)
+        top_o, bottom_o = self.shadowing(mu_o)
+        if self.masking == "smith-separable":
+            return mu_i * top_i / bottom_i * top_o / bottom_o
+        # 1/G = 1 + Lambda_i + Lambda_o = 1/G1_i + 1/G1_o - 1, everything times mu_o top_i top_o mu_i.
+        one, two = mu_i * top_i, mu_o * top_o
+        return one * top_o / (bottom_i * two + bottom_o * one - one * two)
+
+    def facet_kernel(
+        self,
+        half_cosine: Float[Array, "..."],
+        half_sine_squared: Float[Array, "..."],
+        cos_theta_i: Float[Array, "..."],
+        cos_theta_o: Float[Array, "..."],
+        incident_half_cosine: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
+        mu_i = jnp.maximum(cos_theta_i, _TINY)
+        if self.masking == "v-cavities":
+            # G (wi.H) / mu_i; the minimum is taken before the division, which keeps it finite at grazing incidence.
+            factor = jnp.minimum(
+                incident_half_cosine, 2 * half_cosine * jnp.minimum(cos_theta_o, cos_theta_i)
+            )
+            geometric = jnp.maximum(factor, 0) / mu_i
+        else:
+            geometric = (
+                self._masking_over_cosines(half_cosine, mu_i, cos_theta_o, incident_half_cosine)
+                * cos_theta_o
+                * incident_half_cosine
+                / mu_i
+            )
+        density = self.scale() * self.distribution(half_cosine, half_sine_squared) * geometric
+        return _times_fresnel(self, density, incident_half_cosine)
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """The value of the BRDF in 1/sr, shape (...), or (..., channels) where f0 has channels."""
+        wi, wo = jnp.asarray(wi), jnp.asarray(wo)
+        versine = geometry.half_versine(wi, wo)
+        n_h = 1 - versine
+        i_h = geometry.half_cosine(wi, wo)
+        mu_i, mu_o = jnp.maximum(wi[..., 2], _TINY), jnp.maximum(wo[..., 2], _TINY)
+        masked = self._masking_over_cosines(n_h, mu_i, mu_o, i_h) / mu_i
+        density = self.scale() * self.distribution(n_h, versine * (2 - versine)) * masked / 4
+        density = jnp.where(geometry.above_horizon(wi, wo), density, 0)
+        return _times_fresnel(self, density, i_h)
+
+    def breaks(self, cos_theta: Float[Array, ""]) -> Float[Array, " breaks"]:
+        support = self.support()[None]
+        if self.masking != "v-cavities":
+            return support
+        # Where 2 (N.H)(N.V) = V.H, 2 (N.H)(N.L) = V.H or N.V = N.L pass through the plane of incidence; 45 degrees is
+        # where the unmasked facets disappear.
+        elevation = jnp.arcsin(jnp.minimum(cos_theta, 1 - float(jnp.finfo(cos_theta.dtype).eps)))
+        angles = jnp.stack(
+            [
+                elevation / 3,
+                elevation,
+                jnp.full_like(elevation, np.pi / 4),
+                (np.pi - elevation) / 3,
+                np.pi / 2 - elevation,
+            ]
+        )
+        versines = jnp.sort(2 * jnp.sin(angles / 2) ** 2)
+        return jnp.concatenate([jnp.minimum(versines, support), support])
+
+    def azimuth_breaks(self, half_cosine: Float[Array, " h"], cos_theta: Float[Array, ""]) -> Float[Array, "kinks h"]:
+        if self.masking != "v-cavities":
+            return jnp.zeros((0, *half_cosine.shape), half_cosine.dtype)
+        # Facets within 45 degrees: unmasked between the two values. Steeper ones: both terms meet at N.V = N.L.
+        flat = 2 * half_cosine**2 > 1
+        both = cos_theta / half_cosine
+        masked_light = jnp.where(flat, 2 * half_cosine * cos_theta, both)
+        masked_view = jnp.where(flat, 2 * half_cosine * cos_theta / jnp.where(flat, 4 * half_cosine**2 - 1, 1), both)
+        return jnp.stack([masked_light, masked_view])
+
+    @abc.abstractmethod
+    def support(self) -> Float[Array, ""]:
+        """The versine 1 - N.H beyond which the distribution is below 1e-17 of its peak."""
+
+
+def _times_fresnel(lobe: _FacetLobe, density: Array, i_h: Array) -> Array:
+    if lobe.perfect:
+        return density
+    fresnel = FRESNELS[lobe.fresnel]
+    if lobe.f0.ndim:
+        return density[..., None] * fresnel(i_h[..., None], lobe.f0)
+    return density * fresnel(i_h, lobe.f0)
+
+
+@final
+class CookTorrance(_FacetLobe):
+    r"""Metal of Beckmann facets in V-cavities, with the exact Fresnel term (Cook & Torrance 1982).
+
+    $D = \sum_j w_j \exp(-\tan^2 a / m_j^2) / (\pi m_j^2 \cos^4 a)$,
+    $G = \min\{1, 2(N \cdot H)(N \cdot V)/(V \cdot H), 2(N \cdot H)(N \cdot L)/(V \cdot H)\}$.
+
+    `m`: the slope, or several slopes of shape (k,) with `weights` of the same shape. `f0`: reflectance at normal
+    incidence, a number or one number a channel; 1 means F = 1. `convention="published"` is the printed form, D without
+    its 1/pi over pi instead of 4: four times the correct one. `masking`: "v-cavities", "smith-separable",
+    "smith-correlated" or "none". `fresnel`: "dielectric" (exact) or "schlick".
+
+    Raises ValueError for m <= 0, f0 outside [0, 1], negative weights, unknown names, or Smith masking with several slopes.
+    """
+
+    m: Float[Array, "..."]
+    f0: Float[Array, "..."]
+    weights: Float[Array, "..."]
+    convention: str = eqx.field(static=True)
+    masking: str = eqx.field(static=True)
+    fresnel: str = eqx.field(static=True)
+    perfect: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        m: object,
+        f0: object = 1.0,
+        *,
+        weights: object = 1.0,
+        convention: str = "correct",
+        masking: str = "v-cavities",
+        fresnel: str = "dielectric",
+    ):
+        self.m = _checked(m, "m", 0, np.inf, open_below=True)
+        self.f0 = _checked(f0, "f0", 0, 1)
+        self.weights = _checked(weights, "weights", 0, np.inf)
+        if self.m.shape != self.weights.shape or self.m.ndim > 1:
+            raise ValueError(
+                f"m and weights must both be numbers or both have shape (k,); got {self.m.shape} and {self.weights.shape}"
+            )
+        self.convention = _choice(convention, CONVENTIONS, "convention")
+        self.masking = _choice(masking, MASKINGS, "masking")
+        self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
+        self.perfect = _is_one(self.f0)
+        if self.m.ndim and self.masking.startswith("smith"):
+            raise ValueError("Smith masking belongs to one slope; with several slopes use masking='v-cavities'")
+
+    def scale(self) -> float:
+        return 4.0 if self.convention == "published" else 1.0
+
+    def distribution(
+        self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
+        square = jnp.maximum(half_cosine**2, _TINY)
+        tangent_squared = half_sine_squared / square
+        if not self.m.ndim:
+            return self.weights * jnp.exp(-tangent_squared / self.m**2) / (np.pi * self.m**2 * square**2)
+        m = self.m
+        terms = self.weights * jnp.exp(-tangent_squared[..., None] / m**2) / m**2
+        return jnp.sum(terms, axis=-1) / (np.pi * square**2)
+
+    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) a.
+        inverse = 1 / (self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), _TINY)))
+        a = cosine * inverse
+        root = float(np.sqrt(np.pi))
+        return 2 * root * inverse, root * a * (1 + erf(a)) + jnp.exp(-a * a)
+
+    def width(self) -> Float[Array, ""]:
+        return jnp.arctan(jnp.min(self.m))
+
+    def support(self) -> Float[Array, ""]:
+        # tan^2 = m^2 log(1/negligible); with c = cos: 1 - c = tan^2 c^2 / (1 + c).
+        square = _NEGLIGIBLE * jnp.max(self.m) ** 2
+        cosine = 1 / jnp.sqrt(1 + square)
+        return square * cosine**2 / (1 + cosine)
+
+
+@final
+class GGX(_FacetLobe):
+    r"""Facets with a long tail, $D = \alpha^2 / (\pi \cos^4 a\, (\alpha^2 + \tan^2 a)^2)$ (Trowbridge & Reitz 1975, Walter 2007).
+
+    `alpha`: roughness; `f0`, `masking`, `fresnel` as for `CookTorrance`. ValueError for alpha <= 0, f0 outside [0, 1] or
+    unknown names.
+    """
+
+    alpha: Float[Array, ""]
+    f0: Float[Array, "..."]
+    masking: str = eqx.field(static=True)
+    fresnel: str = eqx.field(static=True)
+    perfect: bool = eqx.field(static=True)
+
+    def __init__(
+        self, alpha: object, f0: object = 1.0, *, masking: str = "smith-correlated", fresnel: str = "dielectric"
+    ):
+        self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
+        self.f0 = _checked(f0, "f0", 0, 1)
+        self.masking = _choice(masking, MASKINGS, "masking")
+        self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
+        self.perfect = _is_one(self.f0)
+
+    def distribution(
+        self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
+        # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2: no tangent, nothing to overflow.
+        square = self.alpha**2
+        return square / (np.pi * (square * half_cosine**2 + half_sine_squared) ** 2)
+
+    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        # 1 + Lambda = (1 + sqrt(1 + alpha^2 tan^2)) / 2; both sides times 2 cos.
+        square = cosine**2
+        return jnp.full_like(cosine, 2.0), cosine + jnp.sqrt(square + self.alpha**2 * (1 - square))
+
+    def width(self) -> Float[Array, ""]:
+        return jnp.arctan(self.alpha)
+
+    def support(self) -> Float[Array, ""]:
+        return jnp.ones_like(self.alpha)

@@ -1,0 +1,143 @@
+"""The albedo of a family of BRDFs at scattered points (parameters, cosine, azimuth), whatever engine it needs.
+
+Requests are padded to one fixed size, so a class of lobes compiles one program, whatever its factor and its ranges.
+For RGB families the value at a point is that of the worst channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
+from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.callables import Evaluator
+from brdfcheck.family import Family
+
+_CHUNK = 256
+_CHUNK_2D = 128
+
+
+@eqx.filter_jit
+def _scales(brdfs: AbstractBRDF, mu: jax.Array) -> jax.Array:
+    return eqx.filter_vmap(lambda brdf, mu: peel(brdf)[1](mu))(brdfs, mu)
+
+
+class PointwiseAlbedo:
+    """Callable: (parameters (points, names), cos_theta (points,), azimuth (points,)) -> value, error, both (points,).
+
+    `engine` names the engine, `anisotropic` says whether the azimuth matters, `evaluations` counts the BRDF's evaluations,
+    `channel` is the worst channel of the last call (None for scalar BRDFs). Raises Finding where a user's BRDF fails.
+    """
+
+    def __init__(self, family: Family):
+        self.family = family
+        self.names = tuple(family.ranges)
+        self.evaluations = 0
+        self.anisotropic = False
+        middle = {name: (low + high) / 2 for name, (low, high) in family.ranges.items()}
+        self._template = self._abstract(middle)
+        self.evaluator: Evaluator | None = None
+        if self._template is None:
+            self.evaluator = Evaluator(family.build, middle)
+            self.engine = "adaptive (numpy)" if self.evaluator.slow else "adaptive"
+            self.anisotropic = _turns_with_the_surface(self.evaluator.bind(middle))
+        else:
+            core = peel(self._template)[0]
+            self.engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
+
+    def _abstract(self, middle: dict[str, float]) -> Any:
+        """The BRDF's structure where engines 1 and 2 can take it, else None."""
+        try:
+            brdf = eqx.filter_eval_shape(
+                self.family.build, **{name: jnp.asarray(value, float) for name, value in middle.items()}
+            )
+        except Exception:  # the factory needs numbers: engine 3 decides
+            return None
+        return brdf if has_engine(brdf) else None
+
+    @property
+    def fast(self) -> bool:
+        """True where a point costs microseconds (engines 1 and 2) rather than an adaptive integral."""
+        return self.evaluator is None
+
+    def brdfs(self, parameters: np.ndarray) -> Any:
+        """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
+        if not self.names:
+            brdf = self.family.build()
+            return jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(parameters), *np.shape(leaf))), brdf)
+        columns = {name: jnp.asarray(parameters[:, i]) for i, name in enumerate(self.names)}
+        return jax.vmap(lambda values: self.family.build(**values))(columns)
+
+    def __call__(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *, rtol: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if self.evaluator is None:
+            value, error = self._engines(parameters, cos_theta, rtol)
+        else:
+            value, error = self._adaptive(self.evaluator, parameters, cos_theta, azimuth, rtol or 1e-8)
+        if value.ndim == 1:
+            return value, error
+        worst = np.argmax(np.where(np.isnan(value), np.inf, value), axis=-1)[:, None]
+        return np.take_along_axis(value, worst, -1)[:, 0], np.take_along_axis(error, worst, -1)[:, 0]
+
+    def _engines(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        core = peel(self._template)[0]
+        chunk = _CHUNK if self.engine == "zonal" else _CHUNK_2D
+        values, errors = [], []
+        for start in range(0, len(cos_theta), chunk):
+            rows = np.minimum(np.arange(start, start + chunk), len(cos_theta) - 1)
+            brdfs = self.brdfs(parameters[rows])
+            mu = jnp.asarray(cos_theta[rows])
+            value, error, count = paired_lobes(peel(brdfs)[0], mu, rtol)
+            value, error = np.asarray(value), np.asarray(error)
+            self.evaluations += min(chunk, len(cos_theta) - start) * count
+            if core is not self._template:
+                scale = np.asarray(_scales(brdfs, mu))
+                scale = scale.reshape(scale.shape + (1,) * (value.ndim - 1))
+                with np.errstate(all="ignore"):
+                    value, error = value * scale, error * np.abs(scale)
+            values.append(value)
+            errors.append(error)
+        return np.concatenate(values)[: len(cos_theta)], np.concatenate(errors)[: len(cos_theta)]
+
+    def _adaptive(
+        self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, rtol: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        values, errors = [], []
+        for row, mu, turn in zip(parameters, cos_theta, azimuth, strict=True):
+            bound = evaluator.bind({name: float(value) for name, value in zip(self.names, row, strict=True)})
+            result = adaptive_albedo(bound, mu, turn, rtol)
+            self.evaluations += int(result.evaluations)
+            values.append(np.asarray(result.value))
+            errors.append(np.asarray(result.error))
+        return np.asarray(values), np.asarray(errors)
+
+
+def _turns_with_the_surface(evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> bool:
+    """True where f changes when both directions turn about N together, on seeded pairs: an anisotropic BRDF."""
+    random = np.random.default_rng(20)
+    count = 96
+    cosines = random.uniform(0.05, 1, (2, count))
+    # Half of the pairs are near the mirror direction, where a sharp lobe is not zero.
+    cosines[1, ::2] = np.clip(cosines[0, ::2] + random.normal(0, 0.05, count // 2), 0.02, 1)
+    azimuths = random.uniform(0, 2 * np.pi, (2, count))
+    azimuths[1, ::2] = azimuths[0, ::2] + np.pi + random.normal(0, 0.05, count // 2)
+    turn = random.uniform(0.2, 2 * np.pi - 0.2, count)
+
+    def directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+        sine = np.sqrt((1 - cosine) * (1 + cosine))
+        return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+
+    first = evaluate(directions(cosines[0], azimuths[0]), directions(cosines[1], azimuths[1]))
+    second = evaluate(directions(cosines[0], azimuths[0] + turn), directions(cosines[1], azimuths[1] + turn))
+    with np.errstate(all="ignore"):
+        scale = np.maximum(np.abs(first), np.abs(second))
+        return bool(np.any(np.abs(first - second) > 1e-6 * scale + 1e-12 * np.max(scale, where=~np.isnan(scale), initial=0)))

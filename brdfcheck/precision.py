@@ -1,0 +1,37 @@
+"""Precision and compilation cache of the process. Called by entry points (CLI, studies), never on import."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jax
+
+
+def use_x64() -> None:
+    """Switch JAX to float64 for the whole process."""
+    jax.config.update("jax_enable_x64", True)
+
+
+def cache_folder() -> Path:
+    """Where compiled programs are kept: ``$BRDFCHECK_CACHE``, else ``brdfcheck`` in the user's cache folder."""
+    named = os.environ.get("BRDFCHECK_CACHE")
+    if named:
+        return Path(named)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "brdfcheck"
+
+
+def use_compilation_cache() -> None:
+    """Keep compiled programs between processes. Without a writable folder, programs are compiled each time."""
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return
+    if not os.access(folder, os.W_OK):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    # JAX skips programs that compile in under a second unless told otherwise; all of ours do.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

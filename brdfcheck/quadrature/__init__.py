@@ -1,0 +1,1 @@
+"""Quadrature rules, one file per family."""

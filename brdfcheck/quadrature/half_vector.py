@@ -1,0 +1,65 @@
+r"""The half-vector rule for microfacet lobes: two-dimensional, over the direction of H.
+
+With dwo = 4 (wi.H) dH the albedo is an integral over H of a kernel that lives near the normal whatever the incidence, so
+the needle that grazing light makes around the mirror direction is never missed. In the polar angle the nodes are those
+of `polar` (split where masking changes form); in azimuth the circle is cut where the kernel has kinks, all known in
+closed form as values of wi.H = cos(gamma) cos(theta) + sin(gamma) sin(theta) cos(phi), and at the horizon.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf import AbstractMicrofacetLobe
+from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes
+
+
+_TINY = 1e-18
+
+
+class HalfVectorOrder(NamedTuple):
+    """Nodes in the polar angle of H, and in azimuth for each smooth piece of the circle."""
+
+    polar: Order
+    azimuth: int
+
+
+def half_vector_albedo(
+    lobe: AbstractMicrofacetLobe, cos_theta: Float[Array, ""], orders: tuple[HalfVectorOrder, ...]
+) -> tuple[Float[Array, "rules ..."], int]:
+    """(albedo by each rule, kernel evaluations) for one incidence; the albedo has shape (rules,) or (rules, channels)."""
+    mu, sine = grazing_safe(cos_theta)
+    node, owner = polar_nodes("half", mu, lobe.breaks(mu), lobe.width(), tuple(order.polar for order in orders))
+    sin_squared = node.versine / 2
+    half_cosine = jnp.sqrt(node.coversine / 2)
+    across = half_cosine * mu
+    along = jnp.sqrt(sin_squared) * sine
+    # The kinks in azimuth: wi.H falls while H turns from the light's side (phi = 0) to the other.
+    values = lobe.azimuth_breaks(half_cosine, mu)  # (kinks, nodes)
+    cosine = (values - across) / jnp.maximum(along, _TINY)
+    inside = jnp.abs(cosine) < 1
+    kink = jnp.where(inside, jnp.arccos(jnp.where(inside, cosine, 0)), jnp.where(cosine < 0, np.pi, 0))
+    zero = jnp.zeros_like(node.azimuth[None])
+    stops = jnp.concatenate([zero, jnp.minimum(kink, node.azimuth), node.azimuth[None]])
+    low, length = stops[:-1], jnp.maximum(stops[1:] - stops[:-1], 0)
+
+    # Each node takes the azimuth table of its rule, filled up with nodes of weight 0: (azimuths, 1, nodes).
+    most = max(order.azimuth for order in orders)
+    tables = [[np.pad(part, (0, most - order.azimuth)) for part in gauss(order.azimuth)] for order in orders]
+    x, w = (jnp.asarray(np.stack(column)[owner].T[:, None], mu.dtype) for column in zip(*tables, strict=True))
+    incident = jnp.maximum(across + along * jnp.cos(low + length * x), 0)
+    cos_theta_o = jnp.maximum(2 * incident * half_cosine - mu, 0)
+    kernel = lobe.facet_kernel(half_cosine, sin_squared, mu, cos_theta_o, incident)
+    # sin(gamma) dgamma = sin x dx / (4 cos gamma), and both halves of the circle.
+    weight = w * length * (node.weight / (2 * half_cosine))
+    if kernel.ndim > weight.ndim:
+        weight = weight[..., None]
+    terms = jnp.sum(kernel * weight, axis=(0, 1))  # (nodes,) or (nodes, channels)
+    member = jnp.asarray(owner == np.arange(len(orders))[:, None], mu.dtype)
+    return member @ terms, kernel.size
+
+

@@ -1,0 +1,227 @@
+r"""Tables of the albedo over exponents and angles in one compiled program.
+
+Three observations make a table much cheaper than its cells one by one:
+
+* the nodes of the exact-azimuth rule depend on theta alone once they are graded for the narrowest and the widest lobe of
+  a range of exponents, so the trigonometry is paid once a column;
+* with shared nodes an exponent costs one `exp` a node;
+* log E is analytic in log(1 + n) (for the power lobes E is a Laplace transform in n), so a range of exponents of ratio
+  1000 is interpolated to 1e-13 from 56 Chebyshev exponents, and a row costs a matrix product.
+
+A lobe that ends with a zero of high order is so smooth there that shared nodes may run across the moving end, if they are
+more and the range is shorter (`_PLANS`). Lobes with sharper breaks, exponents below 1 (where Schlick's lobe has a layer of
+width n) and microfacet lobes are integrated cell by cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck import directional
+from brdfcheck import catalog
+from brdfcheck.directional import Albedo
+from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.quadrature.polar import Order
+from brdfcheck.quadrature.zonal import zonal_weights
+
+
+class _Plan(NamedTuple):
+    """For lobes of at least this smoothness: the largest ratio of (1+n) in a block, and how it is sampled."""
+
+    smoothness: float
+    ratio: float
+    exponents: int  # Chebyshev points in log(1+n)
+    fine: Order
+    coarse: Order
+
+
+# Measured on n in [1, 1000]: relative errors of 2e-14 and 5e-14.
+_PLANS = (
+    _Plan(np.inf, 1100.0, 56, Order(92, 132), Order(76, 112)),
+    _Plan(16, 33.0, 48, Order(152, 216), Order(128, 184)),
+)
+# Nodes summed in one step: long enough to keep the loop's overhead down, short enough to stay in the cache.
+_STEP = 12
+
+
+def _chebyshev(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points in [-1, 1], barycentric weights, and the matrix from values to the last two coefficients."""
+    k = np.arange(count)
+    angle = (2 * k + 1) * np.pi / (2 * count)
+    tail = 2 / count * np.cos(np.array([count - 2, count - 1])[:, None] * angle)
+    return np.cos(angle), (-1.0) ** k * np.sin(angle), tail
+
+
+def _interpolation(at: Array, points: Array, weights: Array) -> Array:
+    difference = at[:, None] - points
+    exact = difference == 0
+    terms = weights / jnp.where(exact, 1, difference)
+    terms = jnp.where(jnp.any(exact, axis=1, keepdims=True), exact.astype(terms.dtype), terms)
+    return terms / jnp.sum(terms, axis=1, keepdims=True)
+
+
+def _plan(lobe: object) -> _Plan | None:
+    if not isinstance(lobe, AbstractZonalLobe):
+        return None
+    return next((plan for plan in _PLANS if lobe.smoothness() >= plan.smoothness), None)
+
+
+def _block(
+    lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Array, mu: Array
+) -> tuple[Array, Array]:
+    """Raw albedo and relative error, both (n, mu), for rising exponents of a ratio that one set of nodes serves."""
+    widest, narrowest = lobe_of_n(n[0]), lobe_of_n(n[-1])
+    interpolated = n.size > plan.exponents
+    if interpolated:
+        points, weights, tail = (jnp.asarray(table, mu.dtype) for table in _chebyshev(plan.exponents))
+        low, high = jnp.log1p(n[0]), jnp.log1p(n[-1])
+        half, middle = (high - low) / 2, (high + low) / 2
+        nodes_n = jnp.expm1(middle + half * points)
+    else:
+        nodes_n = n
+
+    def column(mu: Array) -> tuple[Array, Array]:
+        breaks, width = widest.breaks(), narrowest.width()
+        return zonal_weights(widest.form, mu, breaks, width, (plan.fine, plan.coarse))
+
+    versine, weight = jax.vmap(column)(mu)  # (mu, nodes), (mu, rules, nodes)
+    padding = -versine.shape[1] % _STEP
+    versine = jnp.pad(versine, ((0, 0), (0, padding))).T.reshape(-1, _STEP, mu.size)
+    weight = jnp.pad(weight, ((0, 0), (0, 0), (0, padding))).transpose(2, 1, 0).reshape(-1, _STEP, 2, mu.size)
+    lobes = jax.vmap(lobe_of_n)(nodes_n)
+
+    def step(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
+        versine, weight = part
+        value = jax.vmap(lambda lobe: lobe.profile(versine))(lobes)  # (n, step, mu)
+        for j in range(_STEP):
+            total = total + weight[j][:, None, :] * value[:, j, :]
+        return total, None
+
+    (fine, coarse), _ = jax.lax.scan(step, jnp.zeros((2, nodes_n.size, mu.size), mu.dtype), (versine, weight))
+    # The worst exponent speaks for its column: a single difference of two rules may vanish by chance.
+    relative = 4 * jnp.max(jnp.abs(fine - coarse) / jnp.abs(fine), axis=0)
+    relative = relative + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
+    if not interpolated:
+        return fine, jnp.broadcast_to(relative, fine.shape)
+    logarithm = jnp.log(fine)
+    # The coefficients fall geometrically; twice the last two bounds what was cut off.
+    relative = relative + 2 * jnp.sum(jnp.abs(tail @ logarithm), axis=0)
+    at = jnp.where(half > 0, (jnp.log1p(n) - middle) / jnp.where(half > 0, half, 1), 0)
+    value = jnp.exp(_interpolation(at, points, weights) @ logarithm)
+    return value, jnp.broadcast_to(relative, value.shape)
+
+
+@eqx.filter_jit
+def _shared_nodes(
+    brdf_of_n: Callable[[Array], Any], plan: _Plan, n: Array, blocks: tuple[int, ...], mu: Array
+) -> tuple[Array, Array]:
+    def core(value: Array) -> Any:
+        return directional.peel(brdf_of_n(value))[0]
+
+    parts = [_block(core, plan, n[start:end], mu) for start, end in zip((0, *blocks), (*blocks, n.size), strict=True)]
+    value, relative = (jnp.concatenate(column) for column in zip(*parts, strict=True))
+    # The amplitude of a lobe and the factors around it, per cell.
+    scale = jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu))(n)
+    amplitude = jax.vmap(lambda value: core(value).amplitude())(n)
+    if amplitude.ndim > 1:
+        value, relative = value[..., None] * amplitude[:, None, :] * scale[..., None], relative[..., None]
+    else:
+        value = value * amplitude[:, None] * scale
+    return value, jnp.abs(value) * relative
+
+
+@eqx.filter_jit
+def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float | None) -> tuple[Array, Array, int]:
+    batch = directional.batch_size(directional.peel(brdf_of_n(n[0]))[0])
+    count = 0
+
+    def cell(index: Array) -> tuple[Array, Array]:
+        nonlocal count
+        core, scale = directional.peel(brdf_of_n(n[index // mu.size]))
+        cosine = mu[index % mu.size]
+        value, error, count = directional.one(core, cosine, rtol)
+        return value * scale(cosine), error * jnp.abs(scale(cosine))
+
+    size = n.size * mu.size
+    value, error = directional.batched(cell, jnp.arange(size), size, batch)
+    shape = (n.size, mu.size, *value.shape[1:])
+    return value.reshape(shape), error.reshape(shape), count
+
+
+def _blocks(rising: np.ndarray, ratio: float) -> tuple[int, ...]:
+    """Where to cut rising exponents so that no part spans more than `ratio` in 1+n."""
+    position = np.log1p(rising) - np.log1p(rising[0])
+    parts = max(1, int(np.ceil(position[-1] / np.log(ratio) - 1e-9)))
+    cuts = np.searchsorted(position, position[-1] * np.arange(1, parts) / parts)
+    return tuple(sorted({int(cut) for cut in cuts} - {0, len(rising)}))
+
+
+def _checked_exponents(n: object) -> np.ndarray:
+    values = np.asarray(n, dtype=float)
+    if values.ndim != 1 or values.size == 0:
+        raise ValueError(f"n must be a non-empty list of exponents; got shape {values.shape}")
+    if not np.all(np.isfinite(values) & (values >= 0)):
+        raise ValueError(f"exponents must be finite and >= 0; got {values[~(np.isfinite(values) & (values >= 0))][0]:g}")
+    return values
+
+
+def albedo_table(
+    brdf_of_n: Callable[..., Any] | str,
+    n: Float[Array, " n"],
+    cos_theta: Float[Array, " cos_theta"],
+    *,
+    rtol: float | None = None,
+) -> Albedo:
+    """Directional albedo over exponents and cosines of incidence, shape (n, cos_theta) (and channels), never clamped.
+
+    `brdf_of_n`: a lobe class, a callable n -> BRDF, or a catalogue name. `n` and `cos_theta` are one-dimensional; `rtol` as
+    for `albedo`. `error` bounds the absolute error of each cell.
+    Raises ValueError for empty or wrong axes, KeyError for an unknown catalogue name.
+    """
+    if isinstance(brdf_of_n, str):
+        brdf_of_n = catalog.exponent_family(brdf_of_n)
+    exponents = _checked_exponents(n)
+    mu = directional.checked_cosines(cos_theta)
+    if mu.ndim != 1 or mu.size == 0:
+        raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
+    values = jnp.asarray(exponents, mu.dtype)
+    try:
+        shape = eqx.filter_eval_shape(brdf_of_n, values[0])
+    except Exception:  # needs numbers, not tracers: the rows one by one
+        shape = None
+    if shape is None or not directional.has_engine(shape):
+        rows = [directional.albedo(brdf_of_n(float(value)), mu, rtol=rtol) for value in exponents]
+        count = np.sum([row.evaluations for row in rows])
+        value, error = (np.stack([np.asarray(row[part]) for row in map(_pair, rows)]) for part in (0, 1))
+        return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
+    core = directional.peel(shape)[0]
+    engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
+    plan = _plan(core)
+    order = np.argsort(exponents, kind="stable")
+    rising = exponents[order]
+    alone = len(rising) if plan is None else int(np.searchsorted(rising, 1.0))
+    parts, counts = [], [0]
+    if alone:
+        *cells, count = _cells(brdf_of_n, values[order[:alone]], mu, rtol)
+        parts.append(cells)
+        counts.append(count)
+    if plan is not None and alone < len(rising):
+        shared = values[order[alone:]]
+        parts.append(_shared_nodes(brdf_of_n, plan, shared, _blocks(rising[alone:], plan.ratio), mu))
+        counts.append(plan.fine.circle + plan.fine.cut + plan.coarse.circle + plan.coarse.cut)
+    value, error = (column[0] if len(parts) == 1 else jnp.concatenate(column) for column in zip(*parts, strict=True))
+    if np.any(order[1:] < order[:-1]):
+        back = np.argsort(order, kind="stable")
+        value, error = value[back], error[back]
+    return Albedo(value, error, jnp.asarray(max(counts)), engine)
+
+
+def _pair(row: Albedo) -> tuple[Any, Any]:
+    return row.value, row.error

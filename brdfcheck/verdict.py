@@ -1,0 +1,233 @@
+"""The answer to the question: does this BRDF conserve energy?"""
+
+from __future__ import annotations
+
+import enum
+import inspect
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from brdfcheck import catalog
+from brdfcheck.brdf import AbstractBRDF
+from brdfcheck.callables import Finding, name_of
+from brdfcheck.family import Family
+from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.side_checks import SideChecks, side_checks
+from brdfcheck.supremum import Supremum, supremum
+
+TOLERANCE = 1e-9
+"""How far above 1 an albedo may lie and still count as conserving."""
+
+_SHARPER = 1e-13
+# What a parameter runs over when a class is given without ranges.
+_USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
+
+
+class Verdict(enum.Enum):
+    """Three answers, because an error bar can straddle the line."""
+
+    CONSERVES = "the albedo stays at or below 1"
+    VIOLATES = "the albedo exceeds 1 by more than its own error"
+    UNDECIDED = "the error bar contains 1: ask for more accuracy"
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `check` found out about a family of BRDFs.
+
+    `albedo` +- `error` is the largest directional albedo; `parameters`, `cos_theta`, `azimuth` (radians) say where.
+    `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`: reciprocity, minimum,
+    NaN/Inf (None where the BRDF could not be evaluated). `findings`: defects, in words; `notes`: remarks.
+    """
+
+    name: str
+    verdict: Verdict
+    albedo: float
+    error: float
+    parameters: Mapping[str, float]
+    cos_theta: float
+    azimuth: float
+    tolerance: float
+    ranges: Mapping[str, tuple[float, float]]
+    above: tuple[tuple[float, float], ...] | None
+    side: SideChecks | None
+    engine: str
+    anisotropic: bool
+    evaluations: int
+    seconds: float
+    findings: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def passed(self) -> bool:
+        """True where the family conserves energy and has no other defect."""
+        return self.verdict is Verdict.CONSERVES and not self.findings
+
+    @property
+    def angle(self) -> float:
+        """The worst angle of incidence in degrees."""
+        return float(np.degrees(np.arccos(self.cos_theta)))
+
+
+def judge(value: float, error: float, tolerance: float = TOLERANCE) -> Verdict:
+    """The verdict on a largest albedo `value` +- `error`; NaN is UNDECIDED."""
+    if value - error > 1 + tolerance or value == np.inf:
+        return Verdict.VIOLATES
+    return Verdict.CONSERVES if value + error <= 1 + tolerance else Verdict.UNDECIDED
+
+
+def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta: tuple[float, float] | None) -> Family:
+    """What `check` accepts as a `Family`.
+
+    A catalogue name, a `Family`, a BRDF, a function f(wi, wo), or a class or factory whose parameters run over `ranges`.
+    Raises KeyError for an unknown name, TypeError for something that is not a BRDF, ValueError for bad ranges.
+    """
+    angles = (0.0, 1.0) if cos_theta is None else cos_theta
+    if isinstance(target, str):
+        target = catalog.entry(target).family
+    if isinstance(target, Family):
+        unknown = [name for name in ranges if name not in target.ranges]
+        if unknown:
+            known = ", ".join(target.ranges) or "none"
+            raise ValueError(f"{target.name} has no parameter {unknown[0]!r}; its parameters: {known}")
+        return Family(
+            target.name,
+            target.build,
+            {**target.ranges, **ranges},
+            target.cos_theta if cos_theta is None else cos_theta,
+        )
+    if not callable(target):
+        raise TypeError(f"a BRDF must be callable, f(wi, wo), or a catalogue name; got {type(target).__name__}")
+    if isinstance(target, AbstractBRDF):
+        if ranges:
+            raise ValueError(
+                f"{name_of(target)} is one BRDF: to let {next(iter(ranges))} run over a range, give its class or a"
+                " function of the parameter that returns a BRDF"
+            )
+        return Family(name_of(target), lambda: target, {}, angles)
+    names = _parameter_names(target)
+    if not ranges and names is not None and not _takes_directions(target, names):
+        ranges = {name: _USUAL_RANGES[name] for name in names if name in _USUAL_RANGES}
+        if not ranges:
+            raise ValueError(f"{name_of(target)} takes {', '.join(names) or 'no arguments'}: give the ranges to run over")
+    if not ranges:
+        return Family(name_of(target), lambda: target, {}, angles)
+    unknown = [name for name in ranges if names is not None and name not in names]
+    if unknown:
+        raise ValueError(f"{name_of(target)} has no parameter {unknown[0]!r}; it takes {', '.join(names or ())}")
+    return Family(name_of(target), target, ranges, angles)
+
+
+def _parameter_names(target: Callable[..., Any]) -> list[str] | None:
+    """Names of the arguments, or None where they cannot be known or are open-ended."""
+    try:
+        parameters = inspect.signature(target).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    if any(parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD) for parameter in parameters):
+        return None
+    return [parameter.name for parameter in parameters]
+
+
+def _takes_directions(target: Callable[..., Any], names: list[str]) -> bool:
+    """True for f(wi, wo), whatever the two are called: two arguments that must be given and no usual parameter."""
+    if inspect.isclass(target):
+        return False
+    required = [
+        parameter for parameter in inspect.signature(target).parameters.values() if parameter.default is parameter.empty
+    ]
+    return len(required) == 2 and not any(parameter.name in _USUAL_RANGES for parameter in required)
+
+
+def check(
+    target: Any,
+    *,
+    cos_theta: tuple[float, float] | None = None,
+    tolerance: float = TOLERANCE,
+    rtol: float | None = None,
+    intervals: bool = True,
+    **ranges: tuple[float, float],
+) -> Report:
+    """Does this BRDF, or every member of this family, conserve energy?
+
+    `target`: a catalogue name, a BRDF, a function ``f(wi, wo)``, or a class or factory whose keyword parameters run over
+    the given ranges, as in ``check(Phong, n=(1, 1000))``. The largest directional albedo over all parameters in the
+    ranges and all cosines of incidence in `cos_theta` (by default [0, 1]; and all azimuths where the BRDF is
+    anisotropic) is a continuous maximum with an error bar. `tolerance`: how far above 1 still conserves. `rtol`: the
+    accuracy of the albedo, by default the best. `intervals`: find where a violating one-parameter family violates.
+
+    Raises ValueError for bad ranges, KeyError for an unknown name, TypeError for something that is not a BRDF. A function
+    that raises or returns nonsense is reported as a finding.
+    """
+    if not (isinstance(tolerance, (int, float)) and 0 <= tolerance < 1):
+        raise ValueError(f"tolerance must be a number in [0, 1); got {tolerance!r}")
+    return check_family(as_family(target, ranges, cos_theta), tolerance=tolerance, rtol=rtol, intervals=intervals)
+
+
+def check_family(
+    family: Family, *, tolerance: float = TOLERANCE, rtol: float | None = None, intervals: bool = True
+) -> Report:
+    """`check` for a `Family`."""
+    start = time.perf_counter()
+    findings: list[str] = []
+    notes: list[str] = []
+    worst: Supremum | None = None
+    side: SideChecks | None = None
+    albedo: PointwiseAlbedo | None = None
+    try:
+        albedo = PointwiseAlbedo(family)
+        if albedo.engine == "adaptive (numpy)":
+            notes.append("JAX cannot trace this function: evaluated with numpy, which is slower")
+        if albedo.anisotropic:
+            notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
+        worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals)
+        if judge(worst.value, worst.error, tolerance) is Verdict.UNDECIDED and np.isfinite(worst.value):
+            worst = _sharpened(albedo, worst)
+        side = side_checks(albedo, worst.parameters)
+    except Finding as finding:
+        findings.append(str(finding))
+    if side is not None:
+        if not side.reciprocal:
+            findings.append(f"not reciprocal: f(wi, wo) and f(wo, wi) differ by {side.reciprocity:.2g} of the larger")
+        if not side.positive:
+            findings.append(f"negative: the smallest value seen is {side.minimum:.3g} / sr")
+        if side.nonfinite:
+            findings.append(f"not finite: {side.nonfinite} of {side.pairs} values are NaN or Inf")
+    if worst is not None and np.isnan(worst.value):
+        findings.append("the albedo is not a number where the BRDF is not finite")
+    verdict = Verdict.UNDECIDED if worst is None else judge(worst.value, worst.error, tolerance)
+    return Report(
+        name=family.name,
+        verdict=verdict,
+        albedo=np.nan if worst is None else worst.value,
+        error=np.nan if worst is None else worst.error,
+        parameters={} if worst is None else worst.parameters,
+        cos_theta=np.nan if worst is None else worst.cos_theta,
+        azimuth=np.nan if worst is None else worst.azimuth,
+        tolerance=tolerance,
+        ranges=dict(family.ranges),
+        above=None if worst is None else worst.above,
+        side=side,
+        engine="none" if albedo is None else albedo.engine,
+        anisotropic=albedo is not None and albedo.anisotropic,
+        evaluations=0 if albedo is None else albedo.evaluations,
+        seconds=time.perf_counter() - start,
+        findings=tuple(findings),
+        notes=tuple(notes),
+    )
+
+
+def _sharpened(albedo: PointwiseAlbedo, worst: Supremum) -> Supremum:
+    """The same maximum at the highest accuracy, where the error bar straddles 1."""
+    place = np.array([[worst.parameters[name] for name in albedo.names]])
+    rtol = _SHARPER if albedo.fast else 1e-11
+    value, error = albedo(place, np.array([worst.cos_theta]), np.array([worst.azimuth]), rtol=rtol)
+    if not error[0] < worst.error:
+        return worst
+    return Supremum(
+        float(value[0]), float(error[0]), worst.parameters, worst.cos_theta, worst.azimuth, worst.threshold, worst.above
+    )

@@ -1,0 +1,39 @@
+"""What all tests share: double precision, strict types, a compilation cache of their own, few random examples."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import tempfile
+
+# Before anything of the package runs, and inherited by the processes that tests start.
+if "BRDFCHECK_CACHE" not in os.environ:
+    os.environ["BRDFCHECK_CACHE"] = tempfile.mkdtemp(prefix="brdfcheck-tests-")
+    atexit.register(shutil.rmtree, os.environ["BRDFCHECK_CACHE"], ignore_errors=True)
+
+import jax
+import pytest
+from hypothesis import HealthCheck, settings
+
+from brdfcheck.precision import use_compilation_cache, use_x64
+
+use_x64()
+use_compilation_cache()
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+settings.register_profile(
+    "brdfcheck",
+    max_examples=25,
+    deadline=None,  # the first example compiles
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("brdfcheck")
+
+
+@pytest.fixture(autouse=True)
+def _no_annotations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests say for themselves whether they run as if on GitHub or with debugging."""
+    for name in ("GITHUB_ACTIONS", "BRDFCHECK_DEBUG", "FORCE_COLOR", "NO_COLOR"):
+        monkeypatch.delenv(name, raising=False)

@@ -1,0 +1,129 @@
+"""The table of integrals with known values: lobes by the names of `references/zonal.csv`, and closed forms."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
+from brdfcheck.microfacet import GGX, CookTorrance
+
+REFERENCES = Path(__file__).parent / "references"
+
+LOBES: dict[str, Callable[[Any], Any]] = {
+    "phong": Phong,
+    "blinn": BlinnPhong,
+    "schlick": Schlick,
+    "schlick_half": lambda n: Schlick(n, "half"),
+    "kb": KuijkBlake,
+    "kb_half": lambda n: KuijkBlake(n, "half"),
+    "lyon1": lambda n: Lyon(n, 1),
+    "lyon2": lambda n: Lyon(n, 2),
+    "lyon3": lambda n: Lyon(n, 3),
+    "lyon1_mirror": lambda n: Lyon(n, 1, "mirror"),
+    "lyon2_mirror": lambda n: Lyon(n, 2, "mirror"),
+    "lyon3_mirror": lambda n: Lyon(n, 3, "mirror"),
+    "lyon4_mirror": lambda n: Lyon(n, 4, "mirror"),
+    "binomial8": lambda n: BinomialPower(n, 8),
+    "binomial16": BinomialPower,
+    "binomial16_mirror": lambda n: BinomialPower(n, form="mirror"),
+    "binomial16_unclamped": lambda n: BinomialPower(n, clamped=False),
+    "binomial16_mirror_unclamped": lambda n: BinomialPower(n, form="mirror", clamped=False),
+}
+
+
+@dataclass(frozen=True)
+class ZonalTable:
+    """Independent albedos of one lobe: arrays of the same shape (rows,)."""
+
+    n: np.ndarray
+    cos_theta: np.ndarray
+    albedo: np.ndarray
+
+
+def zonal_tables() -> dict[str, ZonalTable]:
+    """Ball-arithmetic values by lobe name."""
+    with (REFERENCES / "zonal.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return {
+        name: ZonalTable(*(np.array([float(r[c]) for r in rows if r["lobe"] == name]) for c in ZonalTable.__annotations__))
+        for name in sorted({row["lobe"] for row in rows})
+    }
+
+
+@dataclass(frozen=True)
+class FacetTable:
+    """Independent albedos of one kind of microfacet lobe."""
+
+    m: np.ndarray
+    cos_theta: np.ndarray
+    albedo: np.ndarray
+
+
+def facet_tables() -> dict[tuple[str, str, float], FacetTable]:
+    """Slope-space values by (distribution, masking, f0)."""
+    with (REFERENCES / "microfacet.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    tables = {}
+    for key in sorted({(row["distribution"], row["masking"], float(row["f0"])) for row in rows}):
+        mine = [row for row in rows if (row["distribution"], row["masking"], float(row["f0"])) == key]
+        tables[key] = FacetTable(*(np.array([float(r[c]) for r in mine]) for c in FacetTable.__annotations__))
+    return tables
+
+
+def facet_lobe(distribution: str, masking: str, f0: float) -> Callable[[Any], Any]:
+    """m -> BRDF for a key of `facet_tables`."""
+    if distribution == "beckmann":
+        return lambda m: CookTorrance(m, f0, masking=masking)
+    return lambda m: GGX(m, f0, masking=masking)
+
+
+def phong_at_normal(n: np.ndarray) -> np.ndarray:
+    """2 pi / (n + 2)."""
+    return 2 * np.pi / (n + 2)
+
+
+def blinn_phong_at_normal(n: np.ndarray) -> np.ndarray:
+    """8 pi (2^(-n/2) + n) / ((n+2)(n+4)), Giesen 2009."""
+    return 8 * np.pi * (np.exp2(-n / 2) + n) / ((n + 2) * (n + 4))
+
+
+def schlick_mirror_at_normal(n: np.ndarray) -> np.ndarray:
+    """(2 pi/(n-1)) [A^2 ln n - A - 1/2] with A = n/(n-1)."""
+    a = n / (n - 1)
+    return 2 * np.pi / (n - 1) * (a * a * np.log(n) - a - 0.5)
+
+
+def binomial_power_at_normal(n: np.ndarray) -> np.ndarray:
+    """Half form, k = 16, for n >= 54.63: (128 pi/n) [1/17 - 5A/306 + 6A^2/2907 - 2A^3/19380], A = 16/n."""
+    a = 16 / n
+    return 128 * np.pi / n * (1 / 17 - 5 * a / 306 + 6 * a**2 / 2907 - 2 * a**3 / 19380)
+
+
+PHONG_POLYNOMIALS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
+    # (n+2)/(2 pi) times the albedo at even n is a polynomial in mu = cos theta.
+    2: lambda mu: (1 + mu) ** 2 / 4,
+    4: lambda mu: 3 / 16 + mu / 2 + 3 * mu**2 / 8 - mu**4 / 16,
+    6: lambda mu: 5 / 32 + mu / 2 + 15 * mu**2 / 32 - 5 * mu**4 / 32 + mu**6 / 32,
+}
+
+
+def brute_force(brdf: Callable[..., Any], cos_theta: float, azimuth: float = 0.0, count: int = 1200) -> float:
+    """A plain product rule over the hemisphere of wo: knows neither kinks nor lobes. Good to about 1e-6 for wide lobes."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    z = (x + 1) / 2
+    phi = 2 * np.pi * (np.arange(count) + 0.5) / count
+    sine = np.sqrt(1 - z**2)
+    wo = np.stack(
+        np.broadcast_arrays(sine[:, None] * np.cos(phi), sine[:, None] * np.sin(phi), z[:, None] + 0 * phi), axis=-1
+    )
+    s = np.sqrt(1 - cos_theta**2)
+    wi = np.array([s * np.cos(azimuth), s * np.sin(azimuth), cos_theta])
+    values = np.asarray(brdf(jnp.asarray(np.broadcast_to(wi, wo.shape)), jnp.asarray(wo)))
+    return float(np.sum(w[:, None] / 2 * values * z[:, None]) * 2 * np.pi / count)

@@ -1,0 +1,556 @@
+"""The command line: what it prints, what it writes, how it ends."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+import brdfcheck
+from brdfcheck import catalog, cli, console
+from brdfcheck.cli import ExitCode
+
+ROOT = Path(brdfcheck.__file__).parent.parent
+
+MINE = """
+    import sys
+    import numpy as np
+    import jax.numpy as jnp
+    from brdfcheck import Factor, Normalized, Phong
+
+    print("printed on import")
+
+    def planted(n):
+        return Normalized(Phong(n), Factor(2.0, 2 * np.pi / 1.01))  # one per cent too large
+
+    def exact(n):
+        return Normalized(Phong(n), Factor(2.0, 2 * np.pi))
+
+    def diffuse(wi, wo):
+        return 0.5 / np.pi + 0 * wi[..., 2]
+
+    def raises(wi, wo):
+        raise RuntimeError("boom")
+
+    def leaves(wi, wo):
+        sys.exit(7)
+
+    def not_a_number(wi, wo):
+        return jnp.nan * wi[..., 2]
+
+    def negative(wi, wo):
+        return -0.1 + 0 * wi[..., 2]
+
+    def complex_values(wi, wo):
+        return 1j * wi[..., 2]
+
+    def wrong_shape(wi, wo):
+        return wi[2]
+
+    def one_way(wi, wo):
+        return wi[..., 2] / (4 * np.pi)
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path = tmp_path / "mine.py"
+    path.write_text(textwrap.dedent(MINE))
+    return str(path)
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = cli.run(arguments)
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def process(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}  # pyright: ignore
+    return subprocess.run(
+        [sys.executable, "-m", "brdfcheck", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=environment,
+        check=False,
+        **options,  # pyright: ignore
+    )
+
+
+# --- exit codes ---
+
+
+def test_0_where_all_conserve(run: Run) -> None:
+    code, out, err = run("check", "phong")
+    assert code == ExitCode.PASSED
+    lines = out.splitlines()
+    assert "tolerance 1e-9" in lines[0]
+    assert lines[1].startswith("phong  CONSERVES  albedo 1.0000000000 +- ")
+    assert "angle=" in lines[1]
+    assert lines[-1].startswith("1 conserves, 0 violate, 0 undecided in ")
+    assert err == ""
+
+
+def test_1_where_a_planted_factor_is_one_per_cent_too_large(run: Run, mine: str) -> None:
+    code, out, _ = run("check", f"{mine}:planted", "--over", "n=1:50")
+    assert code == ExitCode.FAILED
+    assert "VIOLATES   albedo 1.0100000000" in out
+    assert "exceeds 1 for n=1..50" in out
+    assert run("check", f"{mine}:exact", "--over", "n=1:50")[0] == ExitCode.PASSED
+
+
+@pytest.mark.parametrize(
+    ("name", "finding"),
+    [
+        ("raises", "raised RuntimeError: boom"),
+        ("leaves", "SystemExit: 7"),
+        ("not_a_number", "not finite"),
+        ("negative", "negative: the smallest value seen is -0.1"),
+        ("complex_values", "complex values"),
+        ("wrong_shape", "returned shape"),
+        ("one_way", "not reciprocal"),
+    ],
+)
+def test_1_where_a_brdf_has_a_defect(run: Run, mine: str, name: str, finding: str) -> None:
+    code, out, err = run("check", f"{mine}:{name}")
+    assert code == ExitCode.FAILED
+    lines = [line for line in out.splitlines() if line.startswith(f"finding: {mine}:{name}: ")]
+    assert any(finding in line for line in lines)
+    assert "Traceback" not in err
+
+
+def test_a_function_that_conserves_passes(run: Run, mine: str) -> None:
+    code, out, err = run("check", f"{mine}:diffuse")
+    assert code == ExitCode.PASSED
+    assert "printed on import" not in out
+    assert "printed on import" in err
+
+
+def test_2_where_interrupted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_run_list", interrupt)
+    assert run("list") == (ExitCode.INTERRUPTED, "", "brdfcheck: interrupted\n")
+
+
+def test_2_at_once_while_something_long_runs(tmp_path: Path) -> None:
+    path = tmp_path / "slow.py"
+    path.write_text("import time\ndef brdf(wi, wo):\n    print('started', flush=True)\n    time.sleep(60)\n")
+    with subprocess.Popen(
+        [sys.executable, "-m", "brdfcheck", "check", str(path), "--json", str(tmp_path / "out.json")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    ) as running:
+        assert running.stderr
+        while "started" not in running.stderr.readline():
+            pass
+        start = time.monotonic()
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=30)
+    assert time.monotonic() - start < 15
+    assert running.returncode == ExitCode.INTERRUPTED
+    assert err.splitlines()[-1] == "brdfcheck: interrupted"
+    assert "Traceback" not in err
+    assert os.listdir(tmp_path) == ["slow.py"] or sorted(os.listdir(tmp_path)) == ["__pycache__", "slow.py"]
+
+
+def test_3_for_an_internal_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("planted")
+
+    monkeypatch.setattr("brdfcheck.verdict.check_family", fail)
+    code, _, err = run("check", "phong")
+    assert code == ExitCode.INTERNAL_ERROR
+    assert err == "brdfcheck: internal error: ZeroDivisionError: planted (--debug shows the traceback)\n"
+    code, _, err = run("check", "phong", "--debug")
+    assert code == ExitCode.INTERNAL_ERROR
+    assert "Traceback" in err
+    monkeypatch.setenv("BRDFCHECK_DEBUG", "1")
+    assert "Traceback" in run("check", "phong")[2]
+
+
+BAD_WORDS = [
+    ((), "no command given"),
+    (("chekc",), "chekc"),
+    (("check", "--frobnicate"), "--frobnicate"),
+    (("check", "--over"), "--over"),
+    (("check", "fong"), "unknown BRDF 'fong'; did you mean phong"),
+    (("check", "absent.py:f"), "there is no file 'absent.py'"),
+    (("check", "phong", "--over", "n"), "--over 'n': must be NAME=LO:HI"),
+    (("check", "phong", "--over", "n=5:1"), "5 > 1"),
+    (("check", "phong", "--over", "n=nan:1"), "must be finite; got nan"),
+    (("check", "phong", "--over", "n=1:x"), "'x' is not a number"),
+    (("check", "phong", "--over", "n=1:2", "--over", "n=1"), "given twice"),
+    (("check", "phong", "--over", "n=-1:2"), "n must be a finite number >= 0; got -1"),
+    (("check", "ggx", "--over", "alpha=0:1"), "alpha must be finite and > 0"),
+    (("check", "phong", "--over", "m=1:2"), "no parameter 'm'; allowed with --over: n"),
+    (("check", "phong", "--cos-theta", "0:2"), "within 0:1"),
+    (("check", "phong", "--cos-theta", "-1:1"), "within 0:1"),
+    (("check", "phong", "--tolerance", "-1"), "at least 0 and below 1; got -1"),
+    (("check", "phong", "--tolerance", "nan"), "must be finite"),
+    (("check", "phong", "--tolerance", "much"), "'much' is not a number"),
+    (("check", "phong", "--rtol", "0"), "above 0 and below 1"),
+    (("check", "phong", "--jobs", "0"), "at least 1; got 0"),
+    (("check", "phong", "--jobs", "x"), "'x' is not a number"),
+    (("check", "phong", "--jobs", "1.5"), "whole number"),
+    (("check", "phong", "--json", "absent/out.json"), "does not exist"),
+    (("check", "phong", "--json", "."), "it is a folder"),
+    (("check", "phong", "--junitxml", "-"), "needs a file name"),
+    (("check", "phong", "--json", "same", "--junitxml", "./same"), "the same file"),
+    (("audit", "--json", "absent/out.json"), "does not exist"),
+    (("audit", "phong"), "phong"),
+    (("list", "--json", "absent/out.json"), "does not exist"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), BAD_WORDS, ids=[" ".join(words) or "nothing" for words, _ in BAD_WORDS])
+def test_4_for_bad_words_in_one_line(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(*words)
+    assert code == ExitCode.USAGE_ERROR
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith("brdfcheck: ")
+    assert message in line
+    assert os.listdir(tmp_path) == []
+
+
+def test_4_where_a_file_cannot_be_written_in_the_end(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    code, _, err = run("list", "--json", str(tmp_path / "out.json"))
+    assert code == ExitCode.USAGE_ERROR
+    assert "No space left on device" in err
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("command", ["check", "audit", "list"])
+def test_5_where_nothing_is_left(run: Run, tmp_path: Path, command: str) -> None:
+    code, out, err = run(command, "-k", "nothing-like-this", "--json", str(tmp_path / "out.json"))
+    assert (code, out) == (ExitCode.NOTHING_TO_CHECK, "")
+    assert "no name contains 'nothing-like-this'" in err
+    assert os.listdir(tmp_path) == []
+
+
+# --- files ---
+
+
+def refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is not strict JSON")
+
+
+def test_json_and_junit(run: Run, mine: str, tmp_path: Path) -> None:
+    outputs = tmp_path / "results.json", tmp_path / "results.xml"
+    code, _, _ = run(
+        "check",
+        "lambert",
+        f"{mine}:raises",
+        "--tolerance",
+        "1e-8",
+        "--json",
+        str(outputs[0]),
+        "--junitxml",
+        str(outputs[1]),
+    )
+    assert code == ExitCode.FAILED
+    record = json.loads(outputs[0].read_text(), parse_constant=refuse)
+    assert record["schema_version"] == 1
+    assert record["settings"]["tolerance"] == 1e-8
+    assert record["summary"]["conserve"] == 1
+    assert record["summary"]["exit_code"] == 1
+    lambert, raises = record["results"]
+    assert (lambert["verdict"], lambert["origin"], lambert["formula"]) == ("CONSERVES", "catalog", "k_d / pi")
+    assert (raises["albedo"], raises["origin"], raises["file"]) == ("NaN", "user", mine)
+    root = ElementTree.parse(outputs[1]).getroot()
+    assert [case.get("name") for case in root.iter("testcase")] == ["lambert", f"{mine}:raises"]
+    assert len(list(root.iter("error"))) == 1
+
+
+def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
+    code, out, err = run("check", f"{mine}:exact", "--over", "n=1:2", "--json", "-")
+    assert code == ExitCode.PASSED
+    assert json.loads(out, parse_constant=refuse)["settings"]["over"] == {"n": [1.0, 2.0]}
+    assert "1 conserves" in err
+
+
+def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    code, out, _ = run("check", "lambert", f"{mine}:raises")
+    assert code == ExitCode.FAILED
+    (line,) = [line for line in out.splitlines() if line.startswith("::error")]
+    number = Path(mine).read_text().splitlines().index("def raises(wi, wo):") + 1
+    escaped = mine.replace(":", "%3A").replace(",", "%2C")
+    assert line.startswith(
+        f"::error file={escaped},line={number},title=brdfcheck%3A {escaped}%3Araises::UNDECIDED: albedo unknown"
+    )
+    assert "raised RuntimeError: boom" in line
+
+
+def test_results_do_not_depend_on_the_number_of_workers(run: Run) -> None:
+    results = []
+    for jobs in "14":
+        code, out, _ = run("check", "-k", "lyon-1", "--jobs", jobs, "--json", "-")
+        assert code == ExitCode.PASSED
+        results.append(json.loads(out)["results"])
+        for result in results[-1]:
+            del result["seconds"]
+    assert [result["name"] for result in results[0]] == ["lyon-1-half", "lyon-1-mirror"]
+    assert results[0] == results[1]
+
+
+# --- audit and list ---
+
+
+def test_audit_reports_and_passes(run: Run, tmp_path: Path) -> None:
+    code, out, _ = run("audit", "-k", "binomial-power-published", "--json", str(tmp_path / "audit.json"))
+    assert code == ExitCode.PASSED
+    line = out.splitlines()[1]
+    assert "VIOLATES   albedo 1.0016005217" in line
+    assert "at n=17.85" in line
+    assert "exceeds 1 for n=14.303..23.0561" in line
+    assert 'claimed "conserves for n in [1, 1000]"' in line
+    (result,) = json.loads((tmp_path / "audit.json").read_text())["results"]
+    assert result["claim"] == "conserves for n in [1, 1000]"
+
+
+def test_list_names_everything(run: Run, tmp_path: Path) -> None:
+    code, out, _ = run("list", "--json", str(tmp_path / "list.json"))
+    assert code == ExitCode.PASSED
+    assert [line.split()[0] for line in out.splitlines()] == list(catalog.names())
+    record = json.loads((tmp_path / "list.json").read_text())
+    assert [entry["name"] for entry in record["entries"]] == list(catalog.names())
+    assert json.loads(run("list", "--json", "-")[1]) == record
+
+
+# --- help and version ---
+
+
+@pytest.mark.parametrize("words", [(), ("check",), ("audit",), ("list",)])
+@pytest.mark.parametrize("option", ["--help", "-h"])
+def test_help_has_examples(run: Run, words: tuple[str, ...], option: str) -> None:
+    code, out, _ = run(*words, option)
+    assert code == ExitCode.PASSED
+    assert "Examples:" in out
+    assert f"  brdfcheck {words[0] if words else 'check'}" in out
+
+
+def test_version_and_help_do_not_wait_for_jax() -> None:
+    program = (
+        "import sys\nfrom brdfcheck import cli\ncode = cli.run(['--version'])\nsys.exit(code or 'jax' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, f"brdfcheck {brdfcheck.__version__}\n")
+
+
+def test_main_is_the_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["brdfcheck", "--version"])
+    assert cli.main() == 0
+    ended: list[int] = []
+    monkeypatch.setattr(os, "_exit", ended.append)
+    monkeypatch.setattr(cli, "run", lambda _: ExitCode.INTERRUPTED)
+    cli.main()
+    assert ended == [ExitCode.INTERRUPTED]
+    assert brdfcheck.__version__ in capsys.readouterr().out
+
+
+# --- as a stranger sees it ---
+
+
+def test_python_dash_m_and_a_reader_that_goes_away() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", "brdfcheck", "list"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    ) as running:
+        assert running.stdout
+        running.stdout.close()
+        assert running.stderr
+        assert running.stderr.read() == ""
+    assert running.returncode == 0
+
+
+def test_the_work_goes_on_without_a_reader(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with open(tmp_path / "out", "w") as stream:
+
+        def broken(_: str) -> int:
+            raise BrokenPipeError
+
+        monkeypatch.setattr(sys, "stdout", stream)
+        with monkeypatch.context() as patch:
+            patch.setattr(cli._Output, "_write", staticmethod(lambda where, text: cli_write(where, text)))
+
+            def cli_write(where: io.TextIOWrapper, text: str) -> None:
+                with cli._quiet_when_unread(where):
+                    broken(text)
+
+            assert cli.run(["check", "phong", "--json", str(tmp_path / "out.json")]) == ExitCode.PASSED
+    assert json.loads((tmp_path / "out.json").read_text())["summary"]["conserve"] == 1
+    assert (tmp_path / "out").read_text() == ""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_is_said_in_one_line() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "brdfcheck", "list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            check=False,
+        )
+    assert done.returncode == ExitCode.USAGE_ERROR
+    assert done.stderr == "brdfcheck: cannot write to <stdout>: No space left on device\n"
+
+
+def test_a_name_that_the_encoding_lacks(mine: str, tmp_path: Path) -> None:
+    path = tmp_path / "größe.py"
+    path.write_text("def brdf(wi, wo): raise ValueError('größer')\n", encoding="utf-8")
+    done = process("check", str(path), env={"PYTHONIOENCODING": "ascii"})
+    assert done.returncode == ExitCode.FAILED
+    assert "gr\\xf6\\xdfer" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_a_terminal_shows_progress_and_a_table() -> None:
+    import pty
+
+    leader, follower = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "brdfcheck", "check", "lambert"],
+        stdout=follower,
+        stderr=follower,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "COLUMNS": "100"},
+    ) as running:
+        os.close(follower)
+        seen = b""
+        try:
+            while chunk := os.read(leader, 4096):
+                seen += chunk
+        except OSError:  # how Linux says that the other end has closed
+            pass
+        os.close(leader)
+    text = seen.decode()
+    assert running.returncode == 0
+    assert "checking" in text
+    assert "0/1" in text
+    assert "Largest albedo" in text
+    assert "1 conserves, 0 violate, 0 undecided" in text
+
+
+class Terminal(io.StringIO):
+    """A terminal for a test that stays in its process."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("words", [("check", "phong-classical"), ("audit", "-k", "phong-pdf"), ("list", "-k", "phong")])
+def test_commands_on_a_terminal(monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "xterm")
+    out, err = Terminal(), Terminal()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    assert cli.run(words) in (ExitCode.PASSED, ExitCode.FAILED)
+    assert "BRDF" in out.getvalue()
+    assert ("checking" in err.getvalue()) == (words[0] != "list")
+    assert "checking" not in out.getvalue()
+    assert ("finding: phong-classical: not reciprocal" in out.getvalue()) == (words[0] == "check")
+
+
+def shown(width: int, show: Callable[[Console], None], encoding: str = "utf-8") -> str:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding=encoding)
+    show(Console(file=stream, width=width, force_terminal=True, color_system=None, markup=False, highlight=False))
+    stream.flush()
+    return raw.getvalue().decode(encoding)
+
+
+@pytest.fixture(scope="module")
+def reports() -> list:
+    from brdfcheck.verdict import check
+
+    return [check("phong", n=(1, 10)), check("binomial-power-published"), check("phong-classical", n=(1, 10))]
+
+
+@pytest.mark.parametrize("width", [50, 80, 120, 200])
+@pytest.mark.parametrize("claimed", [False, True])
+def test_tables_fit_the_terminal(reports: list, width: int, claimed: bool) -> None:
+    claims = ["one", "two", "three"] if claimed else None
+    text = shown(width, lambda terminal: console.report_table(terminal, reports, claims))
+    assert max(map(len, text.splitlines())) <= width
+    words = ("phong", "VIOLATES", "1.0016005217 ± ", "n=17.8512", "angle=0°", "14.303..23.0561", "zonal")
+    for word in (*words, *(claims or ())):
+        assert word in text
+    text = shown(width, lambda terminal: console.remarks(terminal, reports))
+    assert "not reciprocal" in " ".join(text.split())
+
+
+def test_tables_in_an_encoding_without_signs(reports: list) -> None:
+    text = shown(200, lambda terminal: console.report_table(terminal, reports), "ascii")
+    assert "1.0016005217 +- " in text
+
+
+@pytest.mark.parametrize("width", [50, 120, 200])
+def test_the_catalogue_fits_the_terminal(width: int) -> None:
+    text = shown(width, lambda terminal: console.entry_table(terminal, catalog.entries()))
+    assert max(map(len, text.splitlines())) <= width
+    assert all(name in text for name in catalog.names())
+
+
+def test_plain_lines_are_plain(reports: list) -> None:
+    for report in reports:
+        line = console.plain_line(report)
+        assert line.isascii()
+        assert line.isprintable()
+    assert console.exact(1e-9) == "1e-9"
+    assert console.exact(0.25) == "0.25"
+    assert [console.count_text(count) for count in (7, 78_000, 1_200_000, 3e9)] == ["7", "78k", "1.2M", "3G"]
+
+
+# --- the package's public names ---
+
+
+def test_public_names_are_found_lazily() -> None:
+    assert set(brdfcheck.__all__) <= set(dir(brdfcheck))
+    for name in brdfcheck.__all__:
+        assert getattr(brdfcheck, name) is not None
+    assert brdfcheck.albedo is sys.modules["brdfcheck.directional"].albedo
+    assert brdfcheck.catalog is catalog
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = brdfcheck.nothing  # pyright: ignore[reportAttributeAccessIssue]

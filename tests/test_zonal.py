@@ -1,0 +1,140 @@
+"""Engine 1 against values that were computed independently, and the ways in which it must fail."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from problems import (
+    LOBES,
+    PHONG_POLYNOMIALS,
+    binomial_power_at_normal,
+    blinn_phong_at_normal,
+    brute_force,
+    phong_at_normal,
+    schlick_mirror_at_normal,
+    zonal_tables,
+)
+
+from brdfcheck.directional import albedo
+from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Phong, Schlick
+from brdfcheck.quadrature.polar import Order, gauss, graded_gauss
+from brdfcheck.quadrature.zonal import zonal_weights
+
+TABLES = zonal_tables()
+
+
+@pytest.mark.parametrize("name", LOBES)
+def test_accuracy_and_honest_error_bar(name):
+    table = TABLES[name]
+    result = jax.vmap(albedo)(LOBES[name](table.n), jnp.asarray(table.cos_theta))
+    error = np.abs(np.asarray(result.value) - table.albedo)
+    assert np.max(error / table.albedo) <= 1e-12
+    assert np.all(error <= np.asarray(result.error))
+    # An error bar that is always huge would be honest and useless.
+    tight = 1e-12 if "unclamped" not in name else 1e-11
+    assert np.max(np.asarray(result.error) / table.albedo) <= tight
+
+
+@pytest.mark.parametrize("name", LOBES)
+def test_looser_requests_are_honest_and_cheaper(name):
+    table = TABLES[name]
+    lobe = LOBES[name](table.n)
+    costs = []
+    for rtol in (1e-3, 1e-6, 1e-12):
+        result = jax.vmap(lambda lobe, mu, rtol=rtol: albedo(lobe, mu, rtol=rtol))(lobe, jnp.asarray(table.cos_theta))
+        error = np.abs(np.asarray(result.value) - table.albedo)
+        assert np.max(error / table.albedo) <= rtol
+        assert np.all(error <= np.asarray(result.error))
+        costs.append(int(result.evaluations[0]))
+    assert costs[0] < costs[1] < costs[2]
+
+
+@pytest.mark.parametrize("name", [name for name in LOBES if "unclamped" not in name])
+def test_float32(name):
+    table = TABLES[name]
+    keep = (table.n <= 1e5) & (table.cos_theta >= 1e-3)
+    n, mu = (jnp.asarray(column[keep], jnp.float32) for column in (table.n, table.cos_theta))
+    # The reference belongs to the float64 arguments; take those that float32 holds, moved by their own rounding.
+    exact = jax.vmap(albedo)(LOBES[name](n.astype(jnp.float64)), mu.astype(jnp.float64)).value
+    lobe = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), LOBES[name](n))
+    result = jax.vmap(albedo)(lobe, mu)
+    assert result.value.dtype == jnp.float32
+    error = np.abs(np.asarray(result.value, float) - np.asarray(exact))
+    relative = error / np.asarray(exact)
+    assert np.median(relative) <= 1e-6
+    assert np.max(relative) <= 1e-4
+    assert np.all(error <= np.asarray(result.error, float))
+
+
+def test_closed_forms_at_normal_incidence():
+    n = np.concatenate([np.geomspace(0.01, 1e7, 40)])
+    mu = jnp.asarray(1.0)
+
+    def value(lobe):
+        return np.asarray(jax.vmap(albedo, (0, None))(lobe, mu).value)
+
+    np.testing.assert_allclose(value(Phong(n)), phong_at_normal(n), rtol=1e-12)
+    np.testing.assert_allclose(value(BlinnPhong(n)), blinn_phong_at_normal(n), rtol=1e-12)
+    above = n[n > 3]  # the closed form itself cancels near n = 1
+    np.testing.assert_allclose(value(Schlick(above)), schlick_mirror_at_normal(above), rtol=1e-11)
+    large = n[n > 55]
+    np.testing.assert_allclose(value(BinomialPower(large)), binomial_power_at_normal(large), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", PHONG_POLYNOMIALS)
+def test_phong_at_even_exponents_is_a_polynomial(n):
+    mu = jnp.concatenate([jnp.zeros(1), jnp.geomspace(1e-8, 1, 60)])
+    expected = PHONG_POLYNOMIALS[n](np.asarray(mu)) * 2 * np.pi / (n + 2)
+    np.testing.assert_allclose(albedo(Phong(float(n)), mu).value, expected, rtol=1e-13)
+
+
+def test_lambert_reflects_its_reflectance_at_every_angle():
+    mu = jnp.linspace(0, 1, 33)
+    np.testing.assert_allclose(albedo(Lambert(0.7), mu).value, 0.7, rtol=1e-13)
+    rgb = albedo(Lambert(jnp.array([0.1, 0.5, 0.9])), mu)
+    assert rgb.value.shape == (33, 3)
+    np.testing.assert_allclose(rgb.value, np.broadcast_to([0.1, 0.5, 0.9], (33, 3)), rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"])
+def test_against_brute_force_over_the_outgoing_hemisphere(name):
+    # Ties the albedo to the function f(wi, wo) that users call, not only to the reduced integral.
+    lobe = LOBES[name](5.0)
+    for mu in (0.9, 0.35):
+        assert albedo(lobe, mu).value == pytest.approx(brute_force(lobe, mu), abs=2e-5)
+
+
+def test_grazing_limit_is_reached():
+    for name in ("phong", "blinn", "lyon3", "schlick"):
+        lobe = LOBES[name](20.0)
+        assert albedo(lobe, 0.0).value == pytest.approx(float(albedo(lobe, 1e-9).value), rel=1e-7)
+
+
+def test_a_rule_fails_past_its_degree():
+    x, w = gauss(6)
+    for degree in range(12):
+        assert np.sum(w * x**degree) == pytest.approx(1 / (degree + 1), rel=1e-14)
+    assert np.sum(w * x**12) != pytest.approx(1 / 13, rel=1e-9)
+    y, v = graded_gauss(40, 3, 4)
+    assert np.sum(v) == pytest.approx(1, rel=1e-14)
+    assert np.sum(v * y**1.5) == pytest.approx(1 / 2.5, rel=1e-12)
+
+
+def test_too_few_nodes_are_noticed_by_the_error_bar():
+    # A rule with 4 nodes for a lobe that needs 40: wrong by percents, and its bar says so.
+    lobe = Schlick(1e5)
+    versine, weight = zonal_weights("mirror", jnp.asarray(0.7), lobe.breaks(), lobe.width(), (Order(4, 4), Order(3, 3)))
+    few, fewer = np.asarray(weight @ lobe.profile(versine))
+    exact = float(albedo(lobe, 0.7).value)
+    assert abs(few / exact - 1) > 1e-3
+    assert abs(few - fewer) >= abs(few - exact) / 3
+
+
+def test_a_factor_one_percent_too_large_is_seen():
+    from brdfcheck.factors import Factor, Normalized
+
+    planted = Normalized(Phong(50.0), Factor(2, 2 * np.pi / 1.01))
+    result = albedo(planted, 1.0)
+    assert result.value - result.error > 1.0099
