@@ -12,6 +12,7 @@ error bar: the difference between two rules of different order plus a bound on t
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -47,9 +48,9 @@ class Albedo(eqx.Module):
     incidence (engines 1 and 2) or over all of them (engine 3). `engine` names the engine.
     """
 
-    value: Float[Array, "..."]
-    error: Float[Array, "..."]
-    evaluations: Int[Array, "..."]
+    value: Float[Array, ...]
+    error: Float[Array, ...]
+    evaluations: Int[Array, ...]
     engine: str = eqx.field(static=True)
 
 
@@ -68,7 +69,7 @@ def _zonal_orders(digits: float) -> tuple[Order, Order]:
 
 def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, HalfVectorOrder]:
     if sharp:  # V-cavities: six panels, square roots at their ends, up to three smooth pieces in azimuth
-        circle, cut, azimuth, grading = 3.6 * digits, 4.4 * digits, 1.4 * digits, (2, 3)
+        circle, cut, azimuth, grading = 4 * digits, 4.8 * digits, 1.4 * digits, (2, 3)
     else:
         circle, cut, azimuth, grading = 4.8 * digits, 7 * digits + 6, 4 * digits, (1, 3)
     fine, coarse = (
@@ -104,30 +105,32 @@ def one(core: AbstractBRDF, mu: Array, rtol: float | None) -> tuple[Array, Array
     if isinstance(core, AbstractZonalLobe):
         orders = _zonal_orders(_digits(rtol, 1e-12, mu.dtype))
         versine, weight = zonal_weights(core.form, mu, core.breaks(), core.width(), orders)
-        return *_weighted(core, versine, weight), versine.size
+        value, error = _weighted(jnp, core.profile(versine), versine, weight)
+        amplitude = core.amplitude()
+        return value * amplitude, error * jnp.abs(amplitude), versine.size
     assert isinstance(core, AbstractMicrofacetLobe)
     digits = _digits(rtol, 1e-10, mu.dtype)
     sharp = getattr(core, "masking", "") == "v-cavities"
     (fine, coarse), count = half_vector_albedo(core, mu, _half_vector_orders(digits, sharp))
     # In two dimensions the difference of two rules may vanish by chance; never claim more than what was aimed at.
-    return fine, _bar(fine, coarse, epsilon) + 10**-digits * jnp.abs(fine), count
+    return fine, _bar(jnp, fine, coarse, epsilon) + 10**-digits * jnp.abs(fine), count
 
 
-def _weighted(core: AbstractZonalLobe, versine: Array, weight: Array) -> tuple[Array, Array]:
-    """(albedo, error) of a lobe from the nodes of two rules."""
-    epsilon = float(jnp.finfo(versine.dtype).eps)
-    profile = core.profile(versine)
-    fine, coarse = weight @ profile
+def _weighted(xp: Any, profile: Any, versine: Any, weight: Any) -> tuple[Any, Any]:
+    """(albedo, error) from the nodes of two rules, with `xp` numpy or jax.numpy.
+
+    Shapes: (..., nodes) twice, (..., rules, nodes) -> (...) twice.
+    """
+    epsilon = float(xp.finfo(versine.dtype).eps)
+    sums = (weight @ profile[..., None])[..., 0]
     # Towards 90 degrees the nodes keep absolute, not relative, accuracy in cos: only the unclamped lobe notices.
-    rounding = jnp.abs(weight[0]) @ jnp.abs(profile / jnp.maximum(1 - versine, epsilon))
-    error = _bar(fine, coarse, epsilon) + 4 * epsilon * rounding
-    amplitude = core.amplitude()
-    return fine * amplitude, error * jnp.abs(amplitude)
+    rounding = xp.sum(xp.abs(weight[..., 0, :] * profile / xp.maximum(1 - versine, epsilon)), axis=-1)
+    return sums[..., 0], _bar(xp, sums[..., 0], sums[..., 1], epsilon) + 4 * epsilon * rounding
 
 
-def _bar(fine: Array, coarse: Array, epsilon: float) -> Array:
-    error = jnp.abs(fine - coarse) + ROUNDING * epsilon * jnp.abs(fine)
-    return jnp.where(jnp.isfinite(error), error, jnp.inf)  # overflow: the value is unknown
+def _bar(xp: Any, fine: Any, coarse: Any, epsilon: float) -> Any:
+    error = xp.abs(fine - coarse) + ROUNDING * epsilon * xp.abs(fine)
+    return xp.where(xp.isfinite(error), error, xp.inf)  # overflow: the value is unknown
 
 
 def batched(function: Callable, arguments: Any, size: int, batch: int) -> Any:
@@ -160,34 +163,40 @@ def _shared_lobe(brdf: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tu
     return value.reshape(shape), error.reshape(shape), count
 
 
-def paired_lobes(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[Array, Array, int]:
+def paired_lobes(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[np.ndarray, np.ndarray, int]:
     """Lobes with leaves batched over the same axis as the cosines, without their factors: (value, error, evaluations).
 
-    `evaluations` counts those for one incidence. For lobes about an axis the work is split in three programs, of which
-    the largest, the nodes, serves all lobes of a form: a process that looks at many lobes compiles a third as much.
+    `evaluations` counts those for one incidence. For lobes about an axis the work is split: the largest program, the
+    nodes, serves all lobes of a form, so a process that looks at many lobes compiles a fraction of what it would.
     """
-    if isinstance(cores, AbstractZonalLobe):
-        breaks, width = _extents(cores)
-        versine, weight = _nodes(cores.form, cos_theta, breaks, width, rtol)
-        value, error = _weighted_lobes(cores, versine, weight)
-        return value, error, versine.shape[-1]
-    return _paired_facets(cores, cos_theta, rtol)
+    if not isinstance(cores, AbstractZonalLobe):
+        value, error, count = _paired_facets(cores, cos_theta, rtol)
+        return np.asarray(value), np.asarray(error), count
+    breaks, width, amplitude = (np.asarray(part) for part in _extents(cores))
+    versine, weight = _nodes(cores.form, cos_theta, breaks, width, rtol)
+    profile = np.asarray(profiles(cores, versine))
+    with np.errstate(all="ignore"):
+        value, error = _weighted(np, profile, np.asarray(versine), np.asarray(weight))
+    if amplitude.ndim > 1:
+        value, error = value[:, None], error[:, None]
+    return value * amplitude, error * np.abs(amplitude), versine.shape[-1]
 
 
-@eqx.filter_jit
-def _extents(cores: AbstractZonalLobe) -> tuple[Array, Array]:
-    return eqx.filter_vmap(lambda core: (core.breaks(), core.width()))(cores)
+@jax.jit
+def _extents(cores: AbstractZonalLobe) -> tuple[Array, Array, Array]:
+    return jax.vmap(lambda core: (core.breaks(), core.width(), core.amplitude()))(cores)
 
 
-@eqx.filter_jit
-def _nodes(form: Form, cos_theta: Array, breaks: Array, width: Array, rtol: float | None) -> tuple[Array, Array]:
+@functools.partial(jax.jit, static_argnums=(0, 4))
+def _nodes(form: Form, cos_theta: Any, breaks: Any, width: Any, rtol: float | None) -> tuple[Array, Array]:
     orders = _zonal_orders(_digits(rtol, 1e-12, cos_theta.dtype))
     return jax.vmap(lambda *row: zonal_weights(form, *row, orders))(cos_theta, breaks, width)
 
 
-@eqx.filter_jit
-def _weighted_lobes(cores: AbstractZonalLobe, versine: Array, weight: Array) -> tuple[Array, Array]:
-    return eqx.filter_vmap(_weighted)(cores, versine, weight)
+@jax.jit
+def profiles(cores: AbstractZonalLobe, versine: Array) -> Array:
+    """The profiles of a batch of lobes at versines of shape (batch, nodes)."""
+    return jax.vmap(lambda core, versine: core.profile(versine))(cores, versine)
 
 
 @eqx.filter_jit
@@ -221,9 +230,9 @@ def checked_cosines(cos_theta: object) -> Array:
 
 def albedo(
     brdf: Callable[..., Any],
-    cos_theta: Float[Array, "..."] | float,
+    cos_theta: Float[Array, ...] | float,
     *,
-    azimuth: Float[Array, "..."] | float = 0.0,
+    azimuth: Float[Array, ...] | float = 0.0,
     rtol: float | None = None,
 ) -> Albedo:
     """The directional albedo of a BRDF at the cosines of incidence `cos_theta`, any shape, in [0, 1]; 0 is the limit.

@@ -31,7 +31,7 @@ def _checked_exponent(n: object, name: str = "n") -> Array:
     return array
 
 
-def _angle(versine: Float[Array, "..."]) -> Float[Array, "..."]:
+def _angle(versine: Float[Array, ...]) -> Float[Array, ...]:
     # asin has no derivative at 0 under AD although everything built on it does: keep away from the exact zero.
     return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(versine / 2, _TINY, 1)))
 
@@ -59,14 +59,14 @@ class Lambert(AbstractZonalLobe):
     Raises ValueError where the reflectance is negative or not finite.
     """
 
-    reflectance: Float[Array, "..."]
+    reflectance: Float[Array, ...]
     form: Form = eqx.field(static=True, default="half")
 
     def __init__(self, reflectance: object = 1.0):
         self.reflectance = _checked_exponent(reflectance, "reflectance")
         self.form = "half"
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         return jnp.ones_like(versine)
 
     def width(self) -> Float[Array, ""]:
@@ -78,7 +78,7 @@ class Lambert(AbstractZonalLobe):
     def smoothness(self) -> float:
         return np.inf
 
-    def amplitude(self) -> Float[Array, "..."]:
+    def amplitude(self) -> Float[Array, ...]:
         return self.reflectance / np.pi
 
 
@@ -93,7 +93,7 @@ class Phong(AbstractZonalLobe):
         self.n = _checked_exponent(n)
         self.form = "mirror"
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         return _cosine_power(versine, self.n)
 
     def width(self) -> Float[Array, ""]:
@@ -117,7 +117,7 @@ class BlinnPhong(AbstractZonalLobe):
         self.n = _checked_exponent(n)
         self.form = "half"
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         return _cosine_power(versine, self.n)
 
     def width(self) -> Float[Array, ""]:
@@ -144,7 +144,7 @@ class Schlick(AbstractZonalLobe):
         self.n = _checked_exponent(n)
         self.form = checked_form(form)
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         c = 1 - versine
         # At n = 0 and c = 0 the quotient is 0/0; the lobe is then 1 everywhere.
         denominator = self.n * versine + c
@@ -182,7 +182,7 @@ class KuijkBlake(AbstractZonalLobe):
     def _q(self) -> Array:
         return (self.n + 65) / (5 * self.n + 31.7)
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         angle = _angle(versine)
         reciprocal_p, q = self._reciprocal_p(), self._q()
         near = 1 - angle * angle * reciprocal_p / q
@@ -228,7 +228,7 @@ class Lyon(AbstractZonalLobe):
         self.w = int(w)
         self.form = checked_form(form)
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         return _truncated_power(versine, self.n, 2**self.w, clamped=True)
 
     def width(self) -> Float[Array, ""]:
@@ -263,7 +263,7 @@ class BinomialPower(AbstractZonalLobe):
         self.form = checked_form(form)
         self.clamped = bool(clamped)
 
-    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
+    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
         return _truncated_power(versine, self.n, self.k, self.clamped)
 
     def width(self) -> Float[Array, ""]:
@@ -276,4 +276,4 @@ class BinomialPower(AbstractZonalLobe):
         return _truncated_support(self.n, self.k)
 
     def smoothness(self) -> float:
-        return float(self.k) if self.clamped else np.inf
+        return float(self.k) if self.clamped else 0.0  # the rebound needs a panel of its own

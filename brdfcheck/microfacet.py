@@ -32,7 +32,7 @@ _NEGLIGIBLE = 40.0
 _TINY = 1e-18
 
 
-def fresnel_dielectric(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
+def fresnel_dielectric(cosine: Float[Array, ...], f0: Float[Array, ...]) -> Float[Array, ...]:
     r"""Unpolarised Fresnel reflectance, with eta from the reflectance `f0` at normal incidence; exactly 1 for f0 = 1.
 
     $F = \frac12 \left(\frac{g-c}{g+c}\right)^2 \left\{1 + \left[\frac{c(g+c)-1}{c(g-c)+1}\right]^2\right\}$ with
@@ -49,7 +49,7 @@ def fresnel_dielectric(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> 
     return jnp.where(metal, 1.0, across**2 * (1 + along**2) / 2)
 
 
-def fresnel_schlick(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
+def fresnel_schlick(cosine: Float[Array, ...], f0: Float[Array, ...]) -> Float[Array, ...]:
     r"""$F_0 + (1 - F_0)(1 - \cos)^5$ (Schlick 1994). Shapes broadcast."""
     return f0 + (1 - f0) * (1 - cosine) ** 5
 
@@ -90,12 +90,12 @@ class _FacetLobe(AbstractMicrofacetLobe):
 
     @abc.abstractmethod
     def distribution(
-        self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]
-    ) -> Float[Array, "..."]:
+        self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]
+    ) -> Float[Array, ...]:
         """D(h) in 1/sr, normalised to a projected area of 1 where the weights are."""
 
     @abc.abstractmethod
-    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    def shadowing(self, cosine: Float[Array, ...]) -> tuple[Float[Array, ...], Float[Array, ...]]:
         """Smith's (numerator, denominator) with G1 = cosine * numerator / denominator, finite down to cosine 0.
 
         The denominator is 1 + Lambda times the same positive quantity that scales the numerator.
@@ -123,12 +123,12 @@ class _FacetLobe(AbstractMicrofacetLobe):
 
     def facet_kernel(
         self,
-        half_cosine: Float[Array, "..."],
-        half_sine_squared: Float[Array, "..."],
-        cos_theta_i: Float[Array, "..."],
-        cos_theta_o: Float[Array, "..."],
-        incident_half_cosine: Float[Array, "..."],
-    ) -> Float[Array, "..."]:
+        half_cosine: Float[Array, ...],
+        half_sine_squared: Float[Array, ...],
+        cos_theta_i: Float[Array, ...],
+        cos_theta_o: Float[Array, ...],
+        incident_half_cosine: Float[Array, ...],
+    ) -> Float[Array, ...]:
         mu_i = jnp.maximum(cos_theta_i, _TINY)
         if self.masking == "v-cavities":
             # G (wi.H) / mu_i; the minimum is taken before the division, which keeps it finite at grazing incidence.
@@ -146,7 +146,7 @@ class _FacetLobe(AbstractMicrofacetLobe):
         density = self.scale() * self.distribution(half_cosine, half_sine_squared) * geometric
         return _times_fresnel(self, density, incident_half_cosine)
 
-    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
         """The value of the BRDF in 1/sr, shape (...), or (..., channels) where f0 has channels."""
         wi, wo = jnp.asarray(wi), jnp.asarray(wo)
         versine = geometry.half_versine(wi, wo)
@@ -216,9 +216,9 @@ class CookTorrance(_FacetLobe):
     Raises ValueError for m <= 0, f0 outside [0, 1], negative weights, unknown names, or Smith masking with several slopes.
     """
 
-    m: Float[Array, "..."]
-    f0: Float[Array, "..."]
-    weights: Float[Array, "..."]
+    m: Float[Array, ...]
+    f0: Float[Array, ...]
+    weights: Float[Array, ...]
     convention: str = eqx.field(static=True)
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
@@ -252,8 +252,8 @@ class CookTorrance(_FacetLobe):
         return 4.0 if self.convention == "published" else 1.0
 
     def distribution(
-        self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]
-    ) -> Float[Array, "..."]:
+        self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]
+    ) -> Float[Array, ...]:
         square = jnp.maximum(half_cosine**2, _TINY)
         tangent_squared = half_sine_squared / square
         if not self.m.ndim:
@@ -262,7 +262,7 @@ class CookTorrance(_FacetLobe):
         terms = self.weights * jnp.exp(-tangent_squared[..., None] / m**2) / m**2
         return jnp.sum(terms, axis=-1) / (np.pi * square**2)
 
-    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    def shadowing(self, cosine: Float[Array, ...]) -> tuple[Float[Array, ...], Float[Array, ...]]:
         # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) a.
         inverse = 1 / (self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), _TINY)))
         a = cosine * inverse
@@ -288,7 +288,7 @@ class GGX(_FacetLobe):
     """
 
     alpha: Float[Array, ""]
-    f0: Float[Array, "..."]
+    f0: Float[Array, ...]
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
     perfect: bool = eqx.field(static=True)
@@ -303,13 +303,13 @@ class GGX(_FacetLobe):
         self.perfect = _is_one(self.f0)
 
     def distribution(
-        self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]
-    ) -> Float[Array, "..."]:
+        self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]
+    ) -> Float[Array, ...]:
         # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2: no tangent, nothing to overflow.
         square = self.alpha**2
         return square / (np.pi * (square * half_cosine**2 + half_sine_squared) ** 2)
 
-    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    def shadowing(self, cosine: Float[Array, ...]) -> tuple[Float[Array, ...], Float[Array, ...]]:
         # 1 + Lambda = (1 + sqrt(1 + alpha^2 tan^2)) / 2; both sides times 2 cos.
         square = cosine**2
         return jnp.full_like(cosine, 2.0), cosine + jnp.sqrt(square + self.alpha**2 * (1 - square))

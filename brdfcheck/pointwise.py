@@ -14,18 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
 from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.callables import Evaluator
+from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
 from brdfcheck.family import Family
 
 _CHUNK = 256
-_CHUNK_2D = 128
+_CHUNK_2D = 64
 
 
-@eqx.filter_jit
-def _scales(brdfs: AbstractBRDF, mu: jax.Array) -> jax.Array:
-    return eqx.filter_vmap(lambda brdf, mu: peel(brdf)[1](mu))(brdfs, mu)
+@jax.jit
+def scales(brdfs: AbstractBRDF, mu: Any) -> jax.Array:
+    """What the albedos of the lobes inside `brdfs` (batched leaves) are multiplied by at the cosines `mu`."""
+    return jax.vmap(lambda brdf, mu: peel(brdf)[1](mu))(brdfs, mu)
 
 
 class PointwiseAlbedo:
@@ -91,16 +92,17 @@ class PointwiseAlbedo:
     ) -> tuple[np.ndarray, np.ndarray]:
         core = peel(self._template)[0]
         chunk = _CHUNK if self.engine == "zonal" else _CHUNK_2D
+        padding = (0, -len(cos_theta) % chunk)
+        mu = np.pad(cos_theta, padding, mode="edge")
+        brdfs = jax.tree.map(np.asarray, self.brdfs(np.pad(parameters, (padding, (0, 0)), mode="edge")))
         values, errors = [], []
-        for start in range(0, len(cos_theta), chunk):
-            rows = np.minimum(np.arange(start, start + chunk), len(cos_theta) - 1)
-            brdfs = self.brdfs(parameters[rows])
-            mu = jnp.asarray(cos_theta[rows])
-            value, error, count = paired_lobes(peel(brdfs)[0], mu, rtol)
-            value, error = np.asarray(value), np.asarray(error)
+        for start in range(0, len(mu), chunk):
+            rows = slice(start, start + chunk)
+            part = jax.tree.map(lambda leaf, rows=rows: leaf[rows], brdfs)
+            value, error, count = paired_lobes(peel(part)[0], mu[rows], rtol)
             self.evaluations += min(chunk, len(cos_theta) - start) * count
             if core is not self._template:
-                scale = np.asarray(_scales(brdfs, mu))
+                scale = np.asarray(scales(part, mu[rows]))
                 scale = scale.reshape(scale.shape + (1,) * (value.ndim - 1))
                 with np.errstate(all="ignore"):
                     value, error = value * scale, error * np.abs(scale)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.factors import Normalized
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.pointwise import PointwiseAlbedo, scales
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -72,9 +70,9 @@ def direction_pairs() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([wi for wi, _ in pairs]), np.concatenate([wo for _, wo in pairs])
 
 
-@eqx.filter_jit
-def _both_ways(brdfs: AbstractBRDF, wi: jax.Array, wo: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return eqx.filter_vmap(lambda brdf: (brdf(wi, wo), brdf(wo, wi)), in_axes=(eqx.if_array(0),))(brdfs)
+@jax.jit
+def _values(brdfs: AbstractBRDF, wi: jax.Array, wo: jax.Array) -> jax.Array:
+    return jax.vmap(lambda brdf: brdf(wi, wo))(brdfs)
 
 
 def _sampled_parameters(ranges: list[tuple[float, float]], worst: list[float]) -> np.ndarray:
@@ -93,9 +91,10 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
         brdfs = albedo.brdfs(parameters)
         scale: np.ndarray | float = 1.0
         if isinstance(brdfs, Normalized):  # the lobe alone, so that all its factors share one program
-            scale = np.asarray(jax.vmap(lambda brdf: brdf.scale())(brdfs))
+            scale = np.asarray(scales(brdfs, np.ones(len(parameters))))
             brdfs = brdfs.lobe
-        there, back = (np.asarray(part) for part in _both_ways(brdfs, jnp.asarray(wi), jnp.asarray(wo)))
+        both = np.asarray(_values(brdfs, np.concatenate([wi, wo]), np.concatenate([wo, wi])))
+        there, back = both[:, : len(wi)], both[:, len(wi) :]
         scale = np.reshape(scale, (-1,) + (1,) * (there.ndim - 1)) if np.ndim(scale) else scale
         there, back = there * scale, back * scale
     else:

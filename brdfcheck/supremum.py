@@ -14,7 +14,6 @@ from itertools import product
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from brdfcheck.family import Family
 from brdfcheck.pointwise import PointwiseAlbedo
 
 
@@ -99,8 +98,8 @@ def _effort(albedo: PointwiseAlbedo) -> _Effort:
         counts = [(1, 65, 1), (41, 25, 1), (13, 17, 1), (7, 13, 1)][size]
         return _Effort(counts, 6, 8, [9, 6, 4, 3][size], None, None, None)
     if albedo.engine == "half-vector":
-        counts = [(1, 33, 1), (17, 17, 1), (7, 13, 1), (4, 9, 1)][size]
-        return _Effort(counts, 4, 6, [9, 5, 4, 3][size], None, None, None)
+        counts = [(1, 33, 1), (13, 15, 1), (7, 9, 1), (4, 7, 1)][size]
+        return _Effort(counts, 4, 6, [9, 4, 3, 3][size], None, None, None)
     counts = [(1, 17, 8), (9, 9, 4), (5, 7, 3), (3, 5, 3)][size]
     return _Effort(counts, 2, 4, 5 if size + albedo.anisotropic < 2 else 3, 1e-5, 1e-7, 1e-9)
 

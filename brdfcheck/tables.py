@@ -15,6 +15,7 @@ width n) and microfacet lobes are integrated cell by cell.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -24,10 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck import directional
-from brdfcheck import catalog
-from brdfcheck.directional import Albedo
+from brdfcheck import catalog, directional
 from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.directional import Albedo
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
 
@@ -47,8 +47,8 @@ _PLANS = (
     _Plan(np.inf, 1100.0, 56, Order(92, 132), Order(76, 112)),
     _Plan(16, 33.0, 48, Order(152, 216), Order(128, 184)),
 )
-# Nodes summed in one step: long enough to keep the loop's overhead down, short enough to stay in the cache.
-_STEP = 12
+# The coarse rule is run for every so many-th exponent only.
+_CHECKED = 4
 
 
 def _chebyshev(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,54 +87,59 @@ def _block(
     else:
         nodes_n = n
 
-    def column(mu: Array) -> tuple[Array, Array]:
-        breaks, width = widest.breaks(), narrowest.width()
-        return zonal_weights(widest.form, mu, breaks, width, (plan.fine, plan.coarse))
-
-    versine, weight = jax.vmap(column)(mu)  # (mu, nodes), (mu, rules, nodes)
-    padding = -versine.shape[1] % _STEP
-    versine = jnp.pad(versine, ((0, 0), (0, padding))).T.reshape(-1, _STEP, mu.size)
-    weight = jnp.pad(weight, ((0, 0), (0, 0), (0, padding))).transpose(2, 1, 0).reshape(-1, _STEP, 2, mu.size)
     lobes = jax.vmap(lobe_of_n)(nodes_n)
+    breaks, width = widest.breaks(), narrowest.width()
 
-    def step(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
-        versine, weight = part
-        value = jax.vmap(lambda lobe: lobe.profile(versine))(lobes)  # (n, step, mu)
-        for j in range(_STEP):
-            total = total + weight[j][:, None, :] * value[:, j, :]
-        return total, None
+    def column(mu: Array) -> tuple[Array, Array]:
+        """One cosine: albedos of all lobes by the fine rule, and of every fourth by the coarse one."""
 
-    (fine, coarse), _ = jax.lax.scan(step, jnp.zeros((2, nodes_n.size, mu.size), mu.dtype), (versine, weight))
+        def by(order: Order, lobes: AbstractZonalLobe) -> Array:
+            versine, weight = zonal_weights(widest.form, mu, breaks, width, (order,))
+            return jax.vmap(lambda lobe: lobe.profile(versine))(lobes) @ weight[0]
+
+        return by(plan.fine, lobes), by(plan.coarse, jax.tree.map(lambda leaf: leaf[::_CHECKED], lobes))
+
+    # One column at a time: its nodes and profiles stay in the cache, and memory does not grow with the table.
+    fine, coarse = (part.T for part in jax.lax.map(column, mu))
+    checked = fine[::_CHECKED]
     # The worst exponent speaks for its column: a single difference of two rules may vanish by chance.
-    relative = 4 * jnp.max(jnp.abs(fine - coarse) / jnp.abs(fine), axis=0)
+    relative = 4 * jnp.max(jnp.abs(checked - coarse) / jnp.abs(checked), axis=0)
     relative = relative + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
     if not interpolated:
-        return fine, jnp.broadcast_to(relative, fine.shape)
+        return fine, relative
     logarithm = jnp.log(fine)
     # The coefficients fall geometrically; twice the last two bounds what was cut off.
     relative = relative + 2 * jnp.sum(jnp.abs(tail @ logarithm), axis=0)
     at = jnp.where(half > 0, (jnp.log1p(n) - middle) / jnp.where(half > 0, half, 1), 0)
-    value = jnp.exp(_interpolation(at, points, weights) @ logarithm)
-    return value, jnp.broadcast_to(relative, value.shape)
+    return jnp.exp(_interpolation(at, points, weights) @ logarithm), relative
 
 
 @eqx.filter_jit
 def _shared_nodes(
     brdf_of_n: Callable[[Array], Any], plan: _Plan, n: Array, blocks: tuple[int, ...], mu: Array
 ) -> tuple[Array, Array]:
-    def core(value: Array) -> Any:
+    wrapped = brdf_of_n(n[0])
+    core, _ = directional.peel(wrapped)
+
+    def core_of_n(value: Array) -> Any:
         return directional.peel(brdf_of_n(value))[0]
 
-    parts = [_block(core, plan, n[start:end], mu) for start, end in zip((0, *blocks), (*blocks, n.size), strict=True)]
-    value, relative = (jnp.concatenate(column) for column in zip(*parts, strict=True))
-    # The amplitude of a lobe and the factors around it, per cell.
-    scale = jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu))(n)
-    amplitude = jax.vmap(lambda value: core(value).amplitude())(n)
-    if amplitude.ndim > 1:
-        value, relative = value[..., None] * amplitude[:, None, :] * scale[..., None], relative[..., None]
-    else:
-        value = value * amplitude[:, None] * scale
-    return value, jnp.abs(value) * relative
+    values, errors = [], []
+    for start, end in zip((0, *blocks), (*blocks, n.size), strict=True):
+        part = n[start:end]
+        value, relative = _block(core_of_n, plan, part, mu)
+        if core is not wrapped:  # the factors around the lobe
+            value = value * jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu))(part)
+        amplitude = jax.vmap(lambda value: core_of_n(value).amplitude())(part)
+        if amplitude.ndim > 1:
+            value, relative = value[..., None] * amplitude[:, None, :], relative[:, None]
+        else:
+            value = value * amplitude[:, None]
+        values.append(value)
+        errors.append(jnp.abs(value) * relative)
+    if len(values) == 1:
+        return values[0], errors[0]
+    return jnp.concatenate(values), jnp.concatenate(errors)
 
 
 @eqx.filter_jit
@@ -191,31 +196,27 @@ def albedo_table(
     mu = directional.checked_cosines(cos_theta)
     if mu.ndim != 1 or mu.size == 0:
         raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
-    values = jnp.asarray(exponents, mu.dtype)
-    try:
-        shape = eqx.filter_eval_shape(brdf_of_n, values[0])
-    except Exception:  # needs numbers, not tracers: the rows one by one
-        shape = None
-    if shape is None or not directional.has_engine(shape):
+    shape = _structure(brdf_of_n, np.dtype(mu.dtype))
+    if shape is None:
         rows = [directional.albedo(brdf_of_n(float(value)), mu, rtol=rtol) for value in exponents]
         count = np.sum([row.evaluations for row in rows])
-        value, error = (np.stack([np.asarray(row[part]) for row in map(_pair, rows)]) for part in (0, 1))
+        value, error = (np.stack([np.asarray(getattr(row, part)) for row in rows]) for part in ("value", "error"))
         return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
     core = directional.peel(shape)[0]
     engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
     plan = _plan(core)
     order = np.argsort(exponents, kind="stable")
-    rising = exponents[order]
+    rising = exponents[order].astype(mu.dtype)
     alone = len(rising) if plan is None else int(np.searchsorted(rising, 1.0))
     parts, counts = [], [0]
     if alone:
-        *cells, count = _cells(brdf_of_n, values[order[:alone]], mu, rtol)
+        *cells, count = _cells(brdf_of_n, jnp.asarray(rising[:alone]), mu, rtol)
         parts.append(cells)
         counts.append(count)
     if plan is not None and alone < len(rising):
-        shared = values[order[alone:]]
-        parts.append(_shared_nodes(brdf_of_n, plan, shared, _blocks(rising[alone:], plan.ratio), mu))
-        counts.append(plan.fine.circle + plan.fine.cut + plan.coarse.circle + plan.coarse.cut)
+        shared = rising[alone:]
+        parts.append(_shared_nodes(brdf_of_n, plan, jnp.asarray(shared), _blocks(shared, plan.ratio), mu))
+        counts.append(plan.fine.circle + plan.fine.cut)
     value, error = (column[0] if len(parts) == 1 else jnp.concatenate(column) for column in zip(*parts, strict=True))
     if np.any(order[1:] < order[:-1]):
         back = np.argsort(order, kind="stable")
@@ -223,5 +224,11 @@ def albedo_table(
     return Albedo(value, error, jnp.asarray(max(counts)), engine)
 
 
-def _pair(row: Albedo) -> tuple[Any, Any]:
-    return row.value, row.error
+@functools.lru_cache(maxsize=64)
+def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:
+    """What the family builds, without numbers; None where engines 1 and 2 cannot take it."""
+    try:
+        shape = eqx.filter_eval_shape(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
+    except Exception:  # needs numbers, not tracers: the rows one by one
+        return None
+    return shape if directional.has_engine(shape) else None

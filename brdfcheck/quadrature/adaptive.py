@@ -22,7 +22,7 @@ A box carries the product of two Gauss-Kronrod rules (7, 15). Its error has two 
 * At probes just inside the faces, where a rule has no nodes, the value less what the polynomial through the nodes says:
   a sliver of something that has its body in the box next door.
 
-The box is halved across the axis to blame; where halves contradict their whole by more than its error, theirs grows.
+The box is halved across the axis to blame.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def _probes(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Probes in the unit square, shape (probes, 2), face by face, and the matrix that predicts them from the nodes."""
-    between = (nodes[1::2] + nodes[:-1:2]) / 2
+    between = (nodes[1:] + nodes[:-1]) / 2
     low, high = np.full(between.size, _SKIN), np.full(between.size, 1 - _SKIN)
     first = np.concatenate([low, high, between, between])
     second = np.concatenate([between, between, low, high])
@@ -263,7 +263,7 @@ def integrate_hemisphere(
     that, can be missed without a sign. A jump costs evaluations like 1 / error, and so ends with converged=False. So
     does a tolerance below the rounding of `evaluate`, which is known from the dtype of its answers.
 
-    The initial mesh (up to 65,000 evaluations) is evaluated whatever `max_evaluations` says. Raises ValueError for a
+    The initial mesh (29,000 to 72,000 evaluations) is evaluated whatever `max_evaluations` says. ValueError for a
     cosine outside [0, 1], an azimuth that is not finite, a tolerance that is not positive, or answers of a wrong shape.
     """
     if not 0 <= cos_theta <= 1:
@@ -287,14 +287,8 @@ def integrate_hemisphere(
         chosen = order[np.cumsum(share[order]) > 0.5][::-1][:room]
         if not chosen.size:
             break
-        parents = _Measured(*(column[chosen] for column in found))
-        halves = _halves(_Boxes(*(column[chosen] for column in boxes)), parents.axis)
+        halves = _halves(_Boxes(*(column[chosen] for column in boxes)), found.axis[chosen])
         fresh = integrand.measure(halves)
-        # A whole that was wrong by more than it admitted: its halves are believed that much less.
-        contradiction = np.abs(fresh.value.reshape(2, *parents.value.shape).sum(axis=0) - parents.value)
-        floor = np.maximum(contradiction / 1000, np.finfo(float).tiny)
-        distrust = np.maximum(contradiction / np.maximum(parents.error, floor), 1)
-        fresh = fresh._replace(error=fresh.error * np.tile(distrust, (2, 1)))
         rest = np.delete(np.arange(len(share)), chosen)
         boxes = _Boxes(*(np.concatenate([old[rest], new]) for old, new in zip(boxes, halves, strict=True)))
         found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
@@ -303,6 +297,4 @@ def integrate_hemisphere(
     converged = bool(np.all(error <= tolerance * np.maximum(np.abs(value), 1))) and integrand.nonfinite == 0
     if integrand.scalar:
         value, error = value[0], error[0]
-    return HemisphereIntegral(
-        np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite
-    )
+    return HemisphereIntegral(np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite)

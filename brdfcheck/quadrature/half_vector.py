@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf import AbstractMicrofacetLobe
 from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes
 
-
 _TINY = 1e-18
 
 

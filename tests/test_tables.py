@@ -1,0 +1,85 @@
+"""Tables: the same numbers as cell by cell, in one program, with bars that hold."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck import Factor, Normalized, albedo, albedo_table
+from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
+from brdfcheck.microfacet import GGX
+
+FAMILIES = {
+    "phong": Phong,
+    "blinn-phong": BlinnPhong,
+    "schlick": Schlick,
+    "schlick-half": lambda n: Schlick(n, "half"),
+    "binomial-power": BinomialPower,
+    "binomial-power-mirror": lambda n: BinomialPower(n, form="mirror"),
+    "lyon-2": lambda n: Lyon(n, 2),
+    "kuijk-blake": KuijkBlake,
+    "unclamped": lambda n: BinomialPower(n, clamped=False),
+    "factor": lambda n: Normalized(BlinnPhong(n), Factor(6, 25)),
+}
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("n", [np.geomspace(1, 1000, 150), np.linspace(1, 40, 20)], ids=["many", "few"])
+def test_a_table_is_its_cells(name, n):
+    mu = np.array([1.0, 0.9, 0.5, 0.1, 0.02, 1e-4, 0.0])
+    table = albedo_table(FAMILIES[name], n, mu)
+    assert table.value.shape == table.error.shape == (len(n), len(mu))
+    for i in (0, 1, len(n) // 2, len(n) - 1):
+        row = albedo(FAMILIES[name](n[i]), mu)
+        error = np.abs(np.asarray(table.value[i]) - np.asarray(row.value))
+        assert np.max(error / np.asarray(row.value)) <= 1e-12 if name != "unclamped" else 1e-10
+        assert np.all(error <= np.asarray(table.error[i]))
+
+
+@pytest.mark.parametrize("name", ["phong", "blinn-phong", "schlick", "binomial-power"])
+def test_wide_ranges(name):
+    n = np.geomspace(0.01 if "phong" in name else 1, 1e7, 400)
+    mu = np.append(np.geomspace(1e-6, 1, 7), 0.3)
+    table = albedo_table(FAMILIES[name], n, mu)
+    for i in (0, 57, 133, 201, 399):
+        row = np.asarray(albedo(FAMILIES[name](n[i]), mu).value)
+        error = np.abs(np.asarray(table.value[i]) - row)
+        assert np.max(error / row) <= 1e-12
+        assert np.all(error <= np.asarray(table.error[i]))
+
+
+def test_order_and_repeats_do_not_matter():
+    n = np.array([500.0, 1.0, 30.0, 30.0, 0.5, 1.0])
+    mu = np.array([0.3, 1.0])
+    table = albedo_table(Phong, n, mu)
+    for i, value in enumerate(n):
+        np.testing.assert_allclose(table.value[i], albedo(Phong(value), mu).value, rtol=1e-12)
+
+
+def test_other_families():
+    rough = albedo_table(GGX, np.array([0.1, 0.5]), np.array([1.0, 0.3]))
+    assert rough.engine == "half-vector"
+    np.testing.assert_allclose(rough.value[1], albedo(GGX(0.5), np.array([1.0, 0.3])).value, rtol=1e-10)
+    flat = albedo_table(lambda k: Lambert(jnp.stack([k, 0.5 * k])), np.array([0.2, 1.0]), np.array([0.4]))
+    assert flat.value.shape == (2, 1, 2)
+    np.testing.assert_allclose(flat.value[:, 0], [[0.2, 0.1], [1.0, 0.5]], rtol=1e-12)
+    named = albedo_table("phong", np.array([3.0]), np.array([1.0]))
+    np.testing.assert_allclose(named.value, 1, rtol=1e-13)
+    function = albedo_table(lambda n: lambda wi, wo: Phong(n)(wi, wo), np.array([3.0]), np.array([0.7, 1.0]))
+    assert function.engine == "adaptive"
+    np.testing.assert_allclose(function.value[0], albedo(Phong(3.0), np.array([0.7, 1.0])).value, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("n", "mu", "message"),
+    [([], [1.0], "n must"), ([1.0], [], "cos_theta"), ([-1.0], [1.0], "-1"), ([np.nan], [1.0], "nan"), ([[1.0]], [1.0], "shape")],
+)
+def test_bad_axes_are_refused(n, mu, message):
+    with pytest.raises(ValueError, match=message):
+        albedo_table(Phong, n, mu)
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(KeyError, match="phong"):
+        albedo_table("fong", [1.0], [1.0])
