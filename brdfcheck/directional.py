@@ -81,15 +81,18 @@ def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, Ha
     return fine, coarse
 
 
-def peel(brdf: AbstractBRDF) -> tuple[AbstractBRDF, Callable[[Array], Array]]:
-    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta."""
+def peel(brdf: AbstractBRDF) -> tuple[AbstractBRDF, Callable[[Any], Any]]:
+    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta.
+
+    Also for a batch of BRDFs whose leaves are numpy arrays: then the cosines are an array of the same shape.
+    """
     if isinstance(brdf, Normalized):
         core, inner = peel(brdf.lobe)
         return core, lambda mu: brdf.scale() * inner(mu)
     if isinstance(brdf, PerCosine):
         core, inner = peel(brdf.base)
         return core, lambda mu: inner(mu) / mu
-    return brdf, jnp.ones_like
+    return brdf, lambda mu: 1.0
 
 
 def has_engine(brdf: object) -> bool:

@@ -23,12 +23,6 @@ _CHUNK = 256
 _CHUNK_2D = 64
 
 
-@jax.jit
-def scales(brdfs: AbstractBRDF, mu: Any) -> jax.Array:
-    """What the albedos of the lobes inside `brdfs` (batched leaves) are multiplied by at the cosines `mu`."""
-    return jax.vmap(lambda brdf, mu: peel(brdf)[1](mu))(brdfs, mu)
-
-
 class PointwiseAlbedo:
     """Callable: (parameters (points, names), cos_theta (points,), azimuth (points,)) -> value, error, both (points,).
 
@@ -72,8 +66,8 @@ class PointwiseAlbedo:
         if not self.names:
             brdf = self.family.build()
             return jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(parameters), *np.shape(leaf))), brdf)
-        columns = {name: jnp.asarray(parameters[:, i]) for i, name in enumerate(self.names)}
-        return jax.vmap(lambda values: self.family.build(**values))(columns)
+        columns = {name: parameters[:, i] for i, name in enumerate(self.names)}
+        return jax.tree.map(np.asarray, jax.vmap(lambda values: self.family.build(**values))(columns))
 
     def __call__(
         self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *, rtol: float | None = None
@@ -94,7 +88,7 @@ class PointwiseAlbedo:
         chunk = _CHUNK if self.engine == "zonal" else _CHUNK_2D
         padding = (0, -len(cos_theta) % chunk)
         mu = np.pad(cos_theta, padding, mode="edge")
-        brdfs = jax.tree.map(np.asarray, self.brdfs(np.pad(parameters, (padding, (0, 0)), mode="edge")))
+        brdfs = self.brdfs(np.pad(parameters, (padding, (0, 0)), mode="edge"))
         values, errors = [], []
         for start in range(0, len(mu), chunk):
             rows = slice(start, start + chunk)
@@ -102,9 +96,10 @@ class PointwiseAlbedo:
             value, error, count = paired_lobes(peel(part)[0], mu[rows], rtol)
             self.evaluations += min(chunk, len(cos_theta) - start) * count
             if core is not self._template:
-                scale = np.asarray(scales(part, mu[rows]))
-                scale = scale.reshape(scale.shape + (1,) * (value.ndim - 1))
                 with np.errstate(all="ignore"):
+                    # In numpy, not in a program: there would be one for each lobe and factor.
+                    scale = np.asarray(peel(part)[1](mu[rows]))
+                    scale = scale.reshape(scale.shape + (1,) * (value.ndim - 1))
                     value, error = value * scale, error * np.abs(scale)
             values.append(value)
             errors.append(error)

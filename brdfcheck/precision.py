@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 
 import jax
@@ -32,6 +33,8 @@ def use_compilation_cache() -> None:
     if not os.access(folder, os.W_OK):
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
+    # Another process or thread may be writing the entry that is read: then the program is compiled, no need for words.
+    warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
     # JAX skips programs that compile in under a second unless told otherwise; all of ours do.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.factors import Normalized
-from brdfcheck.pointwise import PointwiseAlbedo, scales
+from brdfcheck.pointwise import PointwiseAlbedo
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -91,7 +91,7 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
         brdfs = albedo.brdfs(parameters)
         scale: np.ndarray | float = 1.0
         if isinstance(brdfs, Normalized):  # the lobe alone, so that all its factors share one program
-            scale = np.asarray(scales(brdfs, np.ones(len(parameters))))
+            scale = np.asarray(brdfs.scale())
             brdfs = brdfs.lobe
         both = np.asarray(_values(brdfs, np.concatenate([wi, wo]), np.concatenate([wo, wi])))
         there, back = both[:, : len(wi)], both[:, len(wi) :]

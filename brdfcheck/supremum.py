@@ -180,7 +180,7 @@ def _refine(box: _Box, starts: np.ndarray, rounds: int, points: int, rtol: float
     centers, gaps = starts.copy(), np.zeros(len(starts))
     half = np.tile(box.step()[free], (len(starts), 1))
     best = np.full(len(starts), -np.inf)
-    active = np.ones(len(starts), bool)
+    active, settled = np.ones(len(starts), bool), np.zeros(len(starts), int)
     for _ in range(rounds):
         which = np.flatnonzero(active)
         if which.size == 0:
@@ -195,8 +195,8 @@ def _refine(box: _Box, starts: np.ndarray, rounds: int, points: int, rtol: float
         local = low[:, None] + (high - low)[:, None] * (1 + lattice) / 2
         unit = np.repeat(centers[which][:, None], len(lattice), axis=1)
         unit[:, :, free] = local
-        values, _ = box(unit.reshape(-1, unit.shape[-1]), rtol)
-        values = values.reshape(len(which), len(lattice))
+        values, errors = box(unit.reshape(-1, unit.shape[-1]), rtol)
+        values, errors = (part.reshape(len(which), len(lattice)) for part in (values, errors))
         for row, index in enumerate(which):
             sample = values[row]
             if not np.all(np.isfinite(sample)):
@@ -216,8 +216,9 @@ def _refine(box: _Box, starts: np.ndarray, rounds: int, points: int, rtol: float
             if predicted > sample[top]:
                 centers[index, free] = centers_new
             half[index] *= 0.7 if wall else 0.15
-            if gaps[index] <= 1e-15 * abs(best[index]) and np.all(half[index] < 1e-3):
-                active[index] = False
+            # What is left to gain is a small part of the error bar, twice in a row, as the box moved or shrank.
+            settled[index] = settled[index] + 1 if gaps[index] <= 0.02 * errors[row, top] else 0
+            active[index] = settled[index] < 2
     return centers, gaps
 
 

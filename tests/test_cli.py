@@ -380,7 +380,7 @@ def test_main_is_the_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     ended: list[int] = []
     monkeypatch.setattr(os, "_exit", ended.append)
     monkeypatch.setattr(cli, "run", lambda _: ExitCode.INTERRUPTED)
-    cli.main()
+    cli.script()
     assert ended == [ExitCode.INTERRUPTED]
     assert brdfcheck.__version__ in capsys.readouterr().out
 
