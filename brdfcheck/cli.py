@@ -109,16 +109,10 @@ def _main(
     pass
 
 
-_Filter = Annotated[
-    str, typer.Option("-k", "--filter", metavar="SUBSTRING", help="Only the BRDFs whose names contain this.")
-]
+_Filter = Annotated[str, typer.Option("-k", "--filter", metavar="SUBSTRING", help="Only the BRDFs whose names contain this.")]
 _Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help='Write the results as JSON; "-" is stdout.')]
-_Tolerance = Annotated[
-    str, typer.Option(metavar="NUMBER", help="How far above 1 an albedo may lie and still conserve.")
-]
-_Rtol = Annotated[
-    str | None, typer.Option(metavar="NUMBER", help="Relative accuracy of the albedos. [default: the best]")
-]
+_Tolerance = Annotated[str, typer.Option(metavar="NUMBER", help="How far above 1 an albedo may lie and still conserve.")]
+_Rtol = Annotated[str | None, typer.Option(metavar="NUMBER", help="Relative accuracy of the albedos. [default: the best]")]
 _Jobs = Annotated[
     str | None,
     typer.Option("-j", "--jobs", metavar="N", help="BRDFs evaluated at a time. [default: 4, or the number of CPUs]"),
@@ -152,9 +146,7 @@ def _check(
     ] = None,
     over: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=LO:HI", help="Let a parameter run over a range, or hold it: NAME=VALUE. Repeatable."
-        ),
+        typer.Option(metavar="NAME=LO:HI", help="Let a parameter run over a range, or hold it: NAME=VALUE. Repeatable."),
     ] = None,
     cos_theta: Annotated[
         str | None, typer.Option(metavar="LO:HI", help="Cosines of incidence to look at. [default: 0:1]")
@@ -163,9 +155,7 @@ def _check(
     rtol: _Rtol = None,
     substring: _Filter = "",
     json: _Json = None,
-    junitxml: Annotated[
-        str | None, typer.Option("--junitxml", metavar="FILE", help="Write the results as JUnit XML.")
-    ] = None,
+    junitxml: Annotated[str | None, typer.Option("--junitxml", metavar="FILE", help="Write the results as JUnit XML.")] = None,
     jobs: _Jobs = None,
     debug: _Debug = False,
 ) -> _Task:
@@ -231,9 +221,7 @@ def _list(substring: _Filter = "", json: _Json = None, debug: _Debug = False) ->
 # --- from words to settings ---
 
 
-def _settings(
-    tolerance: str, rtol: str | None, jobs: str | None, substring: str, json: str | None, **others: Any
-) -> _Settings:
+def _settings(tolerance: str, rtol: str | None, jobs: str | None, substring: str, json: str | None, **others: Any) -> _Settings:
     allowed = parse_number(tolerance, "--tolerance")
     if not 0 <= allowed < 1:
         raise UsageError(f"--tolerance: must be at least 0 and below 1; got {tolerance}")
@@ -418,8 +406,7 @@ def _run_check(settings: _Settings, debug: bool) -> int:
         _save(settings.junit, text, "--junitxml")
     if settings.json:
         results = [
-            {**records.to_json_object(report), **_origin(target)}
-            for target, report in zip(targets, reports, strict=True)
+            {**records.to_json_object(report), **_origin(target)} for target, report in zip(targets, reports, strict=True)
         ]
         summary = {**counts, "seconds": seconds, "exit_code": int(code)}
         _write_json("check", results, settings, summary, output)

@@ -44,7 +44,8 @@ def albedo_text(report: Report, plus_minus: str = "+-") -> str:
     digits = most
     if report.error > 0 and math.isfinite(report.error):
         digits = min(max(2 - math.ceil(math.log10(report.error)), 2), most)
-    return f"{report.albedo:.{digits}f} {plus_minus} {report.error:.2g}"
+    value = f"{report.albedo:.{digits}f}" if abs(report.albedo) < 1e6 else f"{report.albedo:.10g}"
+    return f"{value} {plus_minus} {report.error:.2g}"
 
 
 def place_text(report: Report, degree: str = " deg") -> str:
@@ -67,9 +68,7 @@ def _angles(report: Report, degree: str) -> str:
 
 def ranges_text(ranges: Any) -> str:
     """The box of parameters, as ``--over`` takes it."""
-    return " ".join(
-        f"{name}={low:g}" if low == high else f"{name}={low:g}:{high:g}" for name, (low, high) in ranges.items()
-    )
+    return " ".join(f"{name}={low:g}" if low == high else f"{name}={low:g}:{high:g}" for name, (low, high) in ranges.items())
 
 
 def interval_text(report: Report) -> str:

@@ -15,12 +15,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeGuard
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, Form
@@ -73,9 +74,7 @@ def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, Ha
     else:
         circle, cut, azimuth, grading = 4.8 * digits, 7 * digits + 6, 4 * digits, (1, 3)
     fine, coarse = (
-        HalfVectorOrder(
-            Order(math.ceil(part * circle), math.ceil(part * cut), grading, (3, 3)), math.ceil(part * azimuth)
-        )
+        HalfVectorOrder(Order(math.ceil(part * circle), math.ceil(part * cut), grading, (3, 3)), math.ceil(part * azimuth))
         for part in (1.0, 0.8)
     )
     return fine, coarse
@@ -95,7 +94,7 @@ def peel(brdf: AbstractBRDF) -> tuple[AbstractBRDF, Callable[[Any], Any]]:
     return brdf, lambda mu: 1.0
 
 
-def has_engine(brdf: object) -> bool:
+def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
     """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
     if not isinstance(brdf, AbstractBRDF):
         return False
@@ -166,7 +165,7 @@ def _shared_lobe(brdf: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tu
     return value.reshape(shape), error.reshape(shape), count
 
 
-def paired_lobes(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[np.ndarray, np.ndarray, int]:
+def paired_lobes(cores: AbstractBRDF, cos_theta: Any, rtol: float | None) -> tuple[np.ndarray, np.ndarray, int]:
     """Lobes with leaves batched over the same axis as the cosines, without their factors: (value, error, evaluations).
 
     `evaluations` counts those for one incidence. For lobes about an axis the work is split: the largest program, the
@@ -193,7 +192,7 @@ def _extents(cores: AbstractZonalLobe) -> tuple[Array, Array, Array]:
 @functools.partial(jax.jit, static_argnums=(0, 4))
 def _nodes(form: Form, cos_theta: Any, breaks: Any, width: Any, rtol: float | None) -> tuple[Array, Array]:
     orders = _zonal_orders(_digits(rtol, 1e-12, cos_theta.dtype))
-    return jax.vmap(lambda *row: zonal_weights(form, *row, orders))(cos_theta, breaks, width)
+    return jax.vmap(lambda mu, breaks, width: zonal_weights(form, mu, breaks, width, orders))(cos_theta, breaks, width)
 
 
 @jax.jit
@@ -203,7 +202,7 @@ def profiles(cores: AbstractZonalLobe, versine: Array) -> Array:
 
 
 @eqx.filter_jit
-def _paired_facets(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[Array, Array, int]:
+def _paired_facets(cores: AbstractBRDF, cos_theta: Any, rtol: float | None) -> tuple[Array, Array, int]:
     dynamic, static = eqx.partition(cores, eqx.is_array)
     count = 0
 
@@ -217,9 +216,9 @@ def _paired_facets(cores: AbstractBRDF, cos_theta: Array, rtol: float | None) ->
     return value, error, count
 
 
-def checked_cosines(cos_theta: object) -> Array:
+def checked_cosines(cos_theta: Any) -> Array:
     """`cos_theta` as a floating-point array; ValueError where a value is not in [0, 1]. Traced values pass."""
-    if isinstance(cos_theta, jax.core.Tracer):
+    if isinstance(cos_theta, Tracer):
         return cos_theta
     values = np.asarray(cos_theta)
     if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
@@ -250,16 +249,16 @@ def albedo(
     """
     mu = checked_cosines(cos_theta)
     if has_engine(brdf):
-        _refuse_batched(brdf)
-        brdf, mu = _of_one_type(brdf, mu)
+        refuse_batched(brdf)
+        lobe, mu = _of_one_type(brdf, mu)
         mu = jnp.broadcast_to(mu, jnp.broadcast_shapes(mu.shape, jnp.shape(azimuth)))
-        value, error, count = _shared_lobe(brdf, mu, rtol)
-        core = peel(brdf)[0]  # pyright: ignore[reportArgumentType]
+        value, error, count = _shared_lobe(lobe, mu, rtol)
+        core = peel(lobe)[0]
         engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
         return Albedo(value, error, jnp.asarray(count), engine)
     if not callable(brdf):
         raise TypeError(f"a BRDF must be callable, f(wi, wo); got {type(brdf).__name__}")
-    if isinstance(mu, jax.core.Tracer) or isinstance(azimuth, jax.core.Tracer):
+    if isinstance(mu, Tracer) or isinstance(azimuth, Tracer):
         raise TypeError("the adaptive engine runs on the host: call albedo outside jit, vmap and grad for a function")
     evaluator = Evaluator(lambda: brdf, {})
     return adaptive_albedo(evaluator.bind({}), mu, azimuth, 1e-8 if rtol is None else rtol, slow=evaluator.slow)
@@ -304,9 +303,11 @@ def _of_one_type(brdf: Any, mu: Array) -> tuple[Any, Array]:
     return jax.tree.map(lambda leaf: leaf.astype(dtype), brdf), mu.astype(dtype)
 
 
-def _refuse_batched(brdf: Any) -> None:
-    n = getattr(peel(brdf)[0], "n", None)
-    if n is not None and n.ndim:
+def refuse_batched(brdf: Any) -> None:
+    """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
+    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
+    n = getattr(core, "n", None)
+    if n is not None and getattr(n, "ndim", 0):
         raise ValueError(
             f"this lobe holds a batch of exponents of shape {n.shape}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
             " or albedo_table"

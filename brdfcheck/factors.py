@@ -10,9 +10,9 @@ import abc
 from typing import final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe, as_parameter
@@ -37,9 +37,9 @@ class Factor(AbstractFactor):
 
     def __init__(self, A: object, B: object):
         self.A, self.B = as_parameter(A), as_parameter(B)
-        if not isinstance(self.A, jax.core.Tracer) and not np.all(np.isfinite(np.asarray(self.A))):
+        if not isinstance(self.A, Tracer) and not np.all(np.isfinite(np.asarray(self.A))):
             raise ValueError(f"A must be finite; got {A}")
-        if not isinstance(self.B, jax.core.Tracer):
+        if not isinstance(self.B, Tracer):
             values = np.asarray(self.B)
             if not np.all(np.isfinite(values) & (values > 0)):
                 raise ValueError(f"B must be finite and > 0; got {B}")

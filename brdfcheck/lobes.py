@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import AbstractZonalLobe, Form, as_parameter, checked_form
@@ -24,7 +24,7 @@ _TINY = 1e-30
 
 def _checked_exponent(n: object, name: str = "n") -> Array:
     array = as_parameter(n)
-    if not isinstance(array, jax.core.Tracer):
+    if not isinstance(array, Tracer):
         values = np.asarray(array)
         if not np.all(np.isfinite(values) & (values >= 0)):
             raise ValueError(f"{name} must be a finite number >= 0; got {n}")

@@ -12,9 +12,9 @@ import abc
 from typing import Literal, final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
@@ -59,7 +59,7 @@ FRESNELS = {"dielectric": fresnel_dielectric, "schlick": fresnel_schlick}
 
 def _checked(value: object, name: str, low: float, high: float, *, open_below: bool = False) -> Array:
     array = as_parameter(value)
-    if not isinstance(array, jax.core.Tracer):
+    if not isinstance(array, Tracer):
         values = np.asarray(array)
         good = np.isfinite(values) & (values <= high) & ((values > low) if open_below else (values >= low))
         if values.size == 0 or not np.all(good):
@@ -71,7 +71,7 @@ def _checked(value: object, name: str, low: float, high: float, *, open_below: b
 
 def _is_one(f0: Array) -> bool:
     """True where f0 is known to be the number 1: then F = 1 and no Fresnel term is ever evaluated."""
-    return not isinstance(f0, jax.core.Tracer) and f0.ndim == 0 and bool(np.asarray(f0) == 1)
+    return not isinstance(f0, Tracer) and f0.ndim == 0 and bool(np.asarray(f0) == 1)
 
 
 def _choice(value: str, allowed: tuple[str, ...], name: str) -> str:
@@ -89,9 +89,7 @@ class _FacetLobe(AbstractMicrofacetLobe):
     perfect: eqx.AbstractVar[bool]
 
     @abc.abstractmethod
-    def distribution(
-        self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]
-    ) -> Float[Array, ...]:
+    def distribution(self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]) -> Float[Array, ...]:
         """D(h) in 1/sr, normalised to a projected area of 1 where the weights are."""
 
     @abc.abstractmethod
@@ -132,9 +130,7 @@ class _FacetLobe(AbstractMicrofacetLobe):
         mu_i = jnp.maximum(cos_theta_i, _TINY)
         if self.masking == "v-cavities":
             # G (wi.H) / mu_i; the minimum is taken before the division, which keeps it finite at grazing incidence.
-            factor = jnp.minimum(
-                incident_half_cosine, 2 * half_cosine * jnp.minimum(cos_theta_o, cos_theta_i)
-            )
+            factor = jnp.minimum(incident_half_cosine, 2 * half_cosine * jnp.minimum(cos_theta_o, cos_theta_i))
             geometric = jnp.maximum(factor, 0) / mu_i
         else:
             geometric = (
@@ -251,9 +247,7 @@ class CookTorrance(_FacetLobe):
     def scale(self) -> float:
         return 4.0 if self.convention == "published" else 1.0
 
-    def distribution(
-        self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]
-    ) -> Float[Array, ...]:
+    def distribution(self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]) -> Float[Array, ...]:
         square = jnp.maximum(half_cosine**2, _TINY)
         tangent_squared = half_sine_squared / square
         if not self.m.ndim:
@@ -281,7 +275,7 @@ class CookTorrance(_FacetLobe):
 
 @final
 class GGX(_FacetLobe):
-    r"""Facets with a long tail, $D = \alpha^2 / (\pi \cos^4 a\, (\alpha^2 + \tan^2 a)^2)$ (Trowbridge & Reitz 1975, Walter 2007).
+    r"""Facets with a long tail, $D = \alpha^2 / (\pi \cos^4 a\, (\alpha^2 + \tan^2 a)^2)$ (Trowbridge & Reitz 1975).
 
     `alpha`: roughness; `f0`, `masking`, `fresnel` as for `CookTorrance`. ValueError for alpha <= 0, f0 outside [0, 1] or
     unknown names.
@@ -293,18 +287,14 @@ class GGX(_FacetLobe):
     fresnel: str = eqx.field(static=True)
     perfect: bool = eqx.field(static=True)
 
-    def __init__(
-        self, alpha: object, f0: object = 1.0, *, masking: str = "smith-correlated", fresnel: str = "dielectric"
-    ):
+    def __init__(self, alpha: object, f0: object = 1.0, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
         self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
         self.f0 = _checked(f0, "f0", 0, 1)
         self.masking = _choice(masking, MASKINGS, "masking")
         self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
         self.perfect = _is_one(self.f0)
 
-    def distribution(
-        self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]
-    ) -> Float[Array, ...]:
+    def distribution(self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]) -> Float[Array, ...]:
         # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2: no tangent, nothing to overflow.
         square = self.alpha**2
         return square / (np.pi * (square * half_cosine**2 + half_sine_squared) ** 2)

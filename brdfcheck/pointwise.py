@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf import AbstractZonalLobe
 from brdfcheck.callables import Evaluator
 from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
 from brdfcheck.family import Family
@@ -81,9 +81,7 @@ class PointwiseAlbedo:
         worst = np.argmax(np.where(np.isnan(value), np.inf, value), axis=-1)[:, None]
         return np.take_along_axis(value, worst, -1)[:, 0], np.take_along_axis(error, worst, -1)[:, 0]
 
-    def _engines(
-        self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
         core = peel(self._template)[0]
         chunk = _CHUNK if self.engine == "zonal" else _CHUNK_2D
         padding = (0, -len(cos_theta) % chunk)
@@ -111,11 +109,16 @@ class PointwiseAlbedo:
         values, errors = [], []
         for row, mu, turn in zip(parameters, cos_theta, azimuth, strict=True):
             bound = evaluator.bind({name: float(value) for name, value in zip(self.names, row, strict=True)})
-            result = adaptive_albedo(bound, mu, turn, rtol)
+            result = adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol))
             self.evaluations += int(result.evaluations)
             values.append(np.asarray(result.value))
             errors.append(np.asarray(result.error))
         return np.asarray(values), np.asarray(errors)
+
+
+def _budget(rtol: float) -> int:
+    """Evaluations that one adaptive integral may cost. What jumps never reaches an accuracy; a look-around must end."""
+    return 150_000 if rtol >= 1e-6 else 600_000 if rtol >= 5e-8 else 3_000_000
 
 
 def _turns_with_the_surface(evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> bool:

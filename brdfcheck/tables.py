@@ -23,7 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck import catalog, directional
 from brdfcheck.brdf import AbstractZonalLobe
@@ -73,9 +73,7 @@ def _plan(lobe: object) -> _Plan | None:
     return next((plan for plan in _PLANS if lobe.smoothness() >= plan.smoothness), None)
 
 
-def _block(
-    lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Array, mu: Array
-) -> tuple[Array, Array]:
+def _block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Array, mu: Array) -> tuple[Array, Array]:
     """Raw albedo and relative error, both (n, mu), for rising exponents of a ratio that one set of nodes serves."""
     widest, narrowest = lobe_of_n(n[0]), lobe_of_n(n[-1])
     interpolated = n.size > plan.exponents
@@ -129,7 +127,7 @@ def _shared_nodes(
         part = n[start:end]
         value, relative = _block(core_of_n, plan, part, mu)
         if core is not wrapped:  # the factors around the lobe
-            value = value * jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu))(part)
+            value = value * jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu) * jnp.ones_like(mu))(part)
         amplitude = jax.vmap(lambda value: core_of_n(value).amplitude())(part)
         if amplitude.ndim > 1:
             value, relative = value[..., None] * amplitude[:, None, :], relative[:, None]
@@ -179,8 +177,8 @@ def _checked_exponents(n: object) -> np.ndarray:
 
 def albedo_table(
     brdf_of_n: Callable[..., Any] | str,
-    n: Float[Array, " n"],
-    cos_theta: Float[Array, " cos_theta"],
+    n: Float[ArrayLike, " n"],
+    cos_theta: Float[ArrayLike, " cos_theta"],
     *,
     rtol: float | None = None,
 ) -> Albedo:

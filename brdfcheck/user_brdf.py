@@ -27,9 +27,7 @@ Range = tuple[float, float]
 _PACKAGE = Path(__file__).resolve().parent
 _count = itertools.count(1)
 # Names under which people pass the two directions; anything else that has no default is a parameter.
-_DIRECTIONS = frozenset(
-    ("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incoming", "outgoing", "light", "view", "l", "v")
-)
+_DIRECTIONS = frozenset(("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incoming", "outgoing", "light", "view", "l", "v"))
 # Exponents and roughnesses are never directions.
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
 
@@ -228,9 +226,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
         value = getattr(value, part)
     if not callable(value):
         kind = type(value).__name__
-        raise UsageError(
-            f"{path}:{name} is not callable ({kind}); give a BRDF f(wi, wo), a class or a factory; {choices}"
-        )
+        raise UsageError(f"{path}:{name} is not callable ({kind}); give a BRDF f(wi, wo), a class or a factory; {choices}")
     return value, f"{path}:{name}"
 
 
@@ -290,9 +286,7 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
     unknown = [name for name in ranges if name not in signature.names]
     if isinstance(value, AbstractBRDF) and ranges:
         kind = type(value).__name__
-        raise UsageError(
-            f"{spec} is one {kind}, so {next(iter(ranges))} cannot run over a range; give its class or a factory"
-        )
+        raise UsageError(f"{spec} is one {kind}, so {next(iter(ranges))} cannot run over a range; give its class or a factory")
     if unknown and not signature.open:
         takes = ", ".join(name for name in signature.names if name not in _DIRECTIONS) or "no parameters"
         raise UsageError(f"{spec} has no parameter {unknown[0]!r}; it takes {takes}")
@@ -330,9 +324,7 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
     return Target(family, fixed, _refusal(family, fixed, user=True), file, _line_of(value))
 
 
-def _builder(
-    value: Callable[..., Any], fixed: Mapping[str, float], *, is_function: bool, bound: bool
-) -> Callable[..., Any]:
+def _builder(value: Callable[..., Any], fixed: Mapping[str, float], *, is_function: bool, bound: bool) -> Callable[..., Any]:
     """What makes a BRDF of swept parameters. `bound`: the parameters go to f(wi, wo, **parameters) itself."""
 
     def from_factory(**parameters: Any) -> Any:
@@ -398,9 +390,7 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
     except KeyError as error:
         raise UsageError(error.args[0]) from None
     known = {parameter: bounds for parameter, bounds in ranges.items() if parameter in family.ranges}
-    family = Family(
-        name, family.build, {**family.ranges, **known}, family.cos_theta if cos_theta is None else cos_theta
-    )
+    family = Family(name, family.build, {**family.ranges, **known}, family.cos_theta if cos_theta is None else cos_theta)
     if known:
         _refusal(family, {}, user=False)
     return Target(family)

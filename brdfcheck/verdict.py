@@ -7,6 +7,7 @@ import inspect
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from brdfcheck import catalog
 from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.callables import Finding, name_of
+from brdfcheck.directional import refuse_batched
 from brdfcheck.family import Family
 from brdfcheck.pointwise import PointwiseAlbedo
 from brdfcheck.side_checks import SideChecks, side_checks
@@ -103,23 +105,56 @@ def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta:
     if not callable(target):
         raise TypeError(f"a BRDF must be callable, f(wi, wo), or a catalogue name; got {type(target).__name__}")
     if isinstance(target, AbstractBRDF):
+        refuse_batched(target)
         if ranges:
             raise ValueError(
                 f"{name_of(target)} is one BRDF: to let {next(iter(ranges))} run over a range, give its class or a"
                 " function of the parameter that returns a BRDF"
             )
-        return Family(name_of(target), lambda: target, {}, angles)
+        return Family(name_of(target), _constant(target), {}, angles)
     names = _parameter_names(target)
+    if ranges and names is not None and _takes_directions(target, names):
+        raise ValueError(
+            f"{name_of(target)}({', '.join(names)}) is one BRDF: to let {next(iter(ranges))} run over a range, give a"
+            " function of the parameter that returns a BRDF"
+        )
     if not ranges and names is not None and not _takes_directions(target, names):
         ranges = {name: _USUAL_RANGES[name] for name in names if name in _USUAL_RANGES}
         if not ranges:
             raise ValueError(f"{name_of(target)} takes {', '.join(names) or 'no arguments'}: give the ranges to run over")
     if not ranges:
-        return Family(name_of(target), lambda: target, {}, angles)
+        return Family(name_of(target), _constant(target), {}, angles)
     unknown = [name for name in ranges if names is not None and name not in names]
     if unknown:
         raise ValueError(f"{name_of(target)} has no parameter {unknown[0]!r}; it takes {', '.join(names or ())}")
     return Family(name_of(target), target, ranges, angles)
+
+
+def _constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
+    def build() -> Callable[..., Any]:
+        return brdf
+
+    build.__name__ = name_of(brdf)  # what messages call it
+    return build
+
+
+def _refuse_corners(family: Family) -> None:
+    """Build the family at the corners of its box: a lobe of ours says there what is outside its domain (ValueError)."""
+    for corner in product(*family.ranges.values()):
+        try:
+            family.build(**dict(zip(family.ranges, corner, strict=True)))
+        except ValueError as error:
+            if _from_this_package(error):
+                raise
+        except Exception:  # a defect of a user's factory, which is a finding
+            return
+
+
+def _from_this_package(error: BaseException) -> bool:
+    last = error.__traceback__
+    while last is not None and last.tb_next is not None:
+        last = last.tb_next
+    return last is not None and str(last.tb_frame.f_globals.get("__name__", "")).startswith("brdfcheck.")
 
 
 def _parameter_names(target: Callable[..., Any]) -> list[str] | None:
@@ -140,7 +175,8 @@ def _takes_directions(target: Callable[..., Any], names: list[str]) -> bool:
     required = [
         parameter for parameter in inspect.signature(target).parameters.values() if parameter.default is parameter.empty
     ]
-    return len(required) == 2 and not any(parameter.name in _USUAL_RANGES for parameter in required)
+    directions = {parameter.name for parameter in required}
+    return directions == {"wi", "wo"} or (len(required) == 2 and not directions & set(_USUAL_RANGES))
 
 
 def check(
@@ -165,12 +201,12 @@ def check(
     """
     if not (isinstance(tolerance, (int, float)) and 0 <= tolerance < 1):
         raise ValueError(f"tolerance must be a number in [0, 1); got {tolerance!r}")
-    return check_family(as_family(target, ranges, cos_theta), tolerance=tolerance, rtol=rtol, intervals=intervals)
+    family = as_family(target, ranges, cos_theta)
+    _refuse_corners(family)
+    return check_family(family, tolerance=tolerance, rtol=rtol, intervals=intervals)
 
 
-def check_family(
-    family: Family, *, tolerance: float = TOLERANCE, rtol: float | None = None, intervals: bool = True
-) -> Report:
+def check_family(family: Family, *, tolerance: float = TOLERANCE, rtol: float | None = None, intervals: bool = True) -> Report:
     """`check` for a `Family`."""
     start = time.perf_counter()
     findings: list[str] = []

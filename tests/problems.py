@@ -120,9 +120,7 @@ def brute_force(brdf: Callable[..., Any], cos_theta: float, azimuth: float = 0.0
     z = (x + 1) / 2
     phi = 2 * np.pi * (np.arange(count) + 0.5) / count
     sine = np.sqrt(1 - z**2)
-    wo = np.stack(
-        np.broadcast_arrays(sine[:, None] * np.cos(phi), sine[:, None] * np.sin(phi), z[:, None] + 0 * phi), axis=-1
-    )
+    wo = np.stack(np.broadcast_arrays(sine[:, None] * np.cos(phi), sine[:, None] * np.sin(phi), z[:, None] + 0 * phi), axis=-1)
     s = np.sqrt(1 - cos_theta**2)
     wi = np.array([s * np.cos(azimuth), s * np.sin(azimuth), cos_theta])
     values = np.asarray(brdf(jnp.asarray(np.broadcast_to(wi, wo.shape)), jnp.asarray(wo)))

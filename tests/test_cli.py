@@ -361,9 +361,7 @@ def test_help_has_examples(run: Run, words: tuple[str, ...], option: str) -> Non
 
 
 def test_version_and_help_do_not_wait_for_jax() -> None:
-    program = (
-        "import sys\nfrom brdfcheck import cli\ncode = cli.run(['--version'])\nsys.exit(code or 'jax' in sys.modules)"
-    )
+    program = "import sys\nfrom brdfcheck import cli\ncode = cli.run(['--version'])\nsys.exit(code or 'jax' in sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,

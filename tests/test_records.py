@@ -79,9 +79,7 @@ def test_numbers_come_back_from_json(value: float) -> None:
 
 
 def test_a_document_states_schema_versions_settings_and_device() -> None:
-    record = records.document(
-        "check", [records.to_json_object(REPORT)], settings={"rtol": None}, summary={"violate": 1}
-    )
+    record = records.document("check", [records.to_json_object(REPORT)], settings={"rtol": None}, summary={"violate": 1})
     assert (record["schema"], record["schema_version"]) == (records.SCHEMA, records.SCHEMA_VERSION)
     assert {"brdfcheck", "jax", "numpy", "python"} <= set(record["versions"])
     assert record["device"]["platform"] in ("cpu", "gpu", "cuda", "tpu", "METAL")

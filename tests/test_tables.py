@@ -73,7 +73,13 @@ def test_other_families():
 
 @pytest.mark.parametrize(
     ("n", "mu", "message"),
-    [([], [1.0], "n must"), ([1.0], [], "cos_theta"), ([-1.0], [1.0], "-1"), ([np.nan], [1.0], "nan"), ([[1.0]], [1.0], "shape")],
+    [
+        ([], [1.0], "n must"),
+        ([1.0], [], "cos_theta"),
+        ([-1.0], [1.0], "-1"),
+        ([np.nan], [1.0], "nan"),
+        ([[1.0]], [1.0], "shape"),
+    ],
 )
 def test_bad_axes_are_refused(n, mu, message):
     with pytest.raises(ValueError, match=message):

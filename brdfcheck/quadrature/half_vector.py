@@ -60,5 +60,3 @@ def half_vector_albedo(
     terms = jnp.sum(kernel * weight, axis=(0, 1))  # (nodes,) or (nodes, channels)
     member = jnp.asarray(owner == np.arange(len(orders))[:, None], mu.dtype)
     return member @ terms, kernel.size
-
-

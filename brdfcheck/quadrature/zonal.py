@@ -4,7 +4,8 @@ E = int g(x) M(x) sin x dx, where M is the azimuth integral of the cosine (and o
 elementary in terms of the azimuth half range p of `polar`:
 
 * mirror form: M = 2 (p cos(theta) cos x + h), h = cos(d) sin(f);
-* half form, x = 2 gamma: M = 2 {p [cos^2(theta) cos x + sin^2(theta) sin^2 gamma] + cos(theta) h (2 + 3 cos x)/(4 cos^2 gamma)}.
+* half form, x = 2 gamma:
+  M = 2 {p [cos^2(theta) cos x + sin^2(theta) sin^2 gamma] + cos(theta) h (2 + 3 cos x)/(4 cos^2 gamma)}.
 
 Both are derived from int (N.V) dwo in coordinates about the axis; for the half form dwo = 4 (wi.H) dH and
 N.V = 2 (wi.H) (N.H) - cos(theta).

@@ -82,9 +82,7 @@ def fresnel_factor(f0: float, c: np.ndarray) -> np.ndarray | float:
     return 0.5 * ((g - c) / (g + c)) ** 2 * (1 + ((c * (g + c) - 1) / (c * (g - c) + 1)) ** 2)
 
 
-def integrand(
-    distribution: str, masking: str, f0: float, m: float, mu: float, x: np.ndarray, y: np.ndarray
-) -> np.ndarray:
+def integrand(distribution: str, masking: str, f0: float, m: float, mu: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """F G P22 (1 + x T) at slopes (x, y) inside the disk."""
     sine = math.sqrt((1 - mu) * (1 + mu))
     r2 = x * x + y * y
