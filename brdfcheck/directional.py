@@ -176,7 +176,7 @@ def paired_lobes(cores: AbstractBRDF, cos_theta: Any, rtol: float | None) -> tup
         return np.asarray(value), np.asarray(error), count
     breaks, width, amplitude = (np.asarray(part) for part in _extents(cores))
     versine, weight = _nodes(cores.form, cos_theta, breaks, width, rtol)
-    profile = np.asarray(profiles(cores, versine))
+    profile = np.asarray(_profiles(cores, versine))
     with np.errstate(all="ignore"):
         value, error = _weighted(np, profile, np.asarray(versine), np.asarray(weight))
     if amplitude.ndim > 1:
@@ -196,9 +196,30 @@ def _nodes(form: Form, cos_theta: Any, breaks: Any, width: Any, rtol: float | No
 
 
 @jax.jit
-def profiles(cores: AbstractZonalLobe, versine: Array) -> Array:
-    """The profiles of a batch of lobes at versines of shape (batch, nodes)."""
+def _profiles(cores: AbstractZonalLobe, versine: Array) -> Array:
     return jax.vmap(lambda core, versine: core.profile(versine))(cores, versine)
+
+
+def lobe_values(cores: AbstractZonalLobe, versine: np.ndarray, batch: int) -> np.ndarray:
+    """Values of a few lobes (batched leaves) at versines (k,): shape (lobes, k), or (lobes, k, channels).
+
+    Goes through the programs that `paired_lobes` compiles for `batch` cosines, so that looking at values costs nothing
+    more: the versines are folded into the shape of the nodes.
+    """
+    count = len(jax.tree.leaves(cores)[0])
+    cells = jax.tree.map(lambda leaf: np.asarray(leaf)[np.minimum(np.arange(batch), count - 1)], cores)
+    breaks, _, amplitude = (np.asarray(part) for part in _extents(cells))
+    width = breaks.shape[-1] * sum(order.circle + order.cut for order in _zonal_orders(_digits(None, 1e-12, versine.dtype)))
+    blocks = -(-len(versine) // width)
+    folded = np.pad(versine, (0, blocks * width - len(versine))).reshape(blocks, width)
+    rows = []
+    for start in range(0, count * blocks, batch):
+        cell = np.minimum(np.arange(start, start + batch), count * blocks - 1)
+        part = jax.tree.map(lambda leaf, cell=cell: np.asarray(leaf)[cell // blocks], cores)
+        rows.append(np.asarray(_profiles(part, folded[cell % blocks])))
+    profile = np.concatenate(rows)[: count * blocks].reshape(count, -1)[:, : len(versine)]
+    amplitude = amplitude[:count]
+    return profile[..., None] * amplitude[:, None, :] if amplitude.ndim > 1 else profile * amplitude[:, None]
 
 
 @eqx.filter_jit

@@ -145,7 +145,7 @@ class Schlick(AbstractZonalLobe):
         self.form = checked_form(form)
 
     def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
-        c = 1 - versine
+        c = jnp.maximum(1 - versine, 0)  # a versine may exceed 1 by its rounding
         # At n = 0 and c = 0 the quotient is 0/0; the lobe is then 1 everywhere.
         denominator = self.n * versine + c
         return jnp.where(denominator > 0, c / jnp.where(denominator > 0, denominator, 1), 1)

@@ -19,7 +19,7 @@ from brdfcheck.callables import Evaluator
 from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
 from brdfcheck.family import Family
 
-_CHUNK = 256
+CHUNK = 256
 _CHUNK_2D = 64
 
 
@@ -83,7 +83,7 @@ class PointwiseAlbedo:
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
         core = peel(self._template)[0]
-        chunk = _CHUNK if self.engine == "zonal" else _CHUNK_2D
+        chunk = CHUNK if self.engine == "zonal" else _CHUNK_2D
         padding = (0, -len(cos_theta) % chunk)
         mu = np.pad(cos_theta, padding, mode="edge")
         brdfs = self.brdfs(np.pad(parameters, (padding, (0, 0)), mode="edge"))

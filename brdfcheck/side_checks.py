@@ -8,9 +8,11 @@ from itertools import product
 import jax
 import numpy as np
 
-from brdfcheck.brdf import AbstractBRDF
+from brdfcheck import geometry
+from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.directional import lobe_values
 from brdfcheck.factors import Normalized
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.pointwise import CHUNK, PointwiseAlbedo
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -75,6 +77,19 @@ def _values(brdfs: AbstractBRDF, wi: jax.Array, wo: jax.Array) -> jax.Array:
     return jax.vmap(lambda brdf: brdf(wi, wo))(brdfs)
 
 
+@jax.jit
+def _versines(wi: jax.Array, wo: jax.Array) -> dict[str, jax.Array]:
+    return {"mirror": geometry.mirror_versine(wi, wo), "half": geometry.half_versine(wi, wo)}
+
+
+def _zonal_values(lobes: AbstractZonalLobe, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """What a call of the lobes gives, put together from their geometry and their profile."""
+    versine = np.asarray(_versines(wi, wo)[lobes.form])
+    visible = versine < 1 if lobes.form == "mirror" else np.ones(len(versine), bool)
+    values = lobe_values(lobes, np.where(visible, versine, 0), CHUNK)
+    return np.where(visible if values.ndim == 2 else visible[:, None], values, 0)
+
+
 def _sampled_parameters(ranges: list[tuple[float, float]], worst: list[float]) -> np.ndarray:
     corners = list(product(*((low, high) for low, high in ranges)))[:8]
     middle = [float(np.sqrt(low * high)) if low > 0 else (low + high) / 2 for low, high in ranges]
@@ -93,7 +108,8 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
         if isinstance(brdfs, Normalized):  # the lobe alone, so that all its factors share one program
             scale = np.asarray(brdfs.scale())
             brdfs = brdfs.lobe
-        both = np.asarray(_values(brdfs, np.concatenate([wi, wo]), np.concatenate([wo, wi])))
+        values = _zonal_values if isinstance(brdfs, AbstractZonalLobe) else _values
+        both = np.asarray(values(brdfs, np.concatenate([wi, wo]), np.concatenate([wo, wi])))  # pyright: ignore[reportArgumentType]
         there, back = both[:, : len(wi)], both[:, len(wi) :]
         scale = np.reshape(scale, (-1,) + (1,) * (there.ndim - 1)) if np.ndim(scale) else scale
         there, back = there * scale, back * scale
