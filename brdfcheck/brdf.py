@@ -42,7 +42,7 @@ class AbstractBRDF(eqx.Module):
     """A BRDF f(wi, wo) in 1/sr, for unit vectors of shape (..., 3) with N = +z. Returns shape (...), or (..., channels)."""
 
     @abc.abstractmethod
-    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The value of the BRDF in 1/sr; 0 where a direction lies below the surface."""
 
 
@@ -55,7 +55,7 @@ class AbstractZonalLobe(AbstractBRDF):
     form: eqx.AbstractVar[Form]
 
     @abc.abstractmethod
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         """g as a function of 1 - cos(angle), with the versine in [0, 1]; 1 at 0."""
 
     @abc.abstractmethod
@@ -70,11 +70,11 @@ class AbstractZonalLobe(AbstractBRDF):
         """The order of the sharpest break inside the profile's domain: the power with which it sets in; inf for none."""
         return 0.0
 
-    def amplitude(self) -> Float[Array, ...]:
+    def amplitude(self) -> Float[Array, "..."]:
         """What the profile is multiplied by, in 1/sr: a number, or one number for each channel."""
         return jnp.ones_like(self.width())
 
-    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The value of the lobe in 1/sr, shape (...), or (..., channels) where the amplitude has channels."""
         wi, wo = jnp.asarray(wi), jnp.asarray(wo)
         if self.form == "mirror":
@@ -95,12 +95,12 @@ class AbstractMicrofacetLobe(AbstractBRDF):
     @abc.abstractmethod
     def facet_kernel(
         self,
-        half_cosine: Float[Array, ...],
-        half_sine_squared: Float[Array, ...],
-        cos_theta_i: Float[Array, ...],
-        cos_theta_o: Float[Array, ...],
-        incident_half_cosine: Float[Array, ...],
-    ) -> Float[Array, ...]:
+        half_cosine: Float[Array, "..."],
+        half_sine_squared: Float[Array, "..."],
+        cos_theta_i: Float[Array, "..."],
+        cos_theta_o: Float[Array, "..."],
+        incident_half_cosine: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
         """f(wi, wo) (N.wo) 4 (wi.H): what is integrated over the solid angle of H. Finite at grazing incidence.
 
         The arguments are N.H, 1 - (N.H)^2, N.wi > 0, N.wo and wi.H; RGB lobes return a trailing channel axis.

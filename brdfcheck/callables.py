@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
+
+from brdfcheck.precision import double_precision
 
 _log = logging.getLogger("brdfcheck")
 
@@ -46,7 +46,18 @@ def _checked(result: Any, rows: int, name: str) -> np.ndarray:
             f"{name} returned shape {values.shape} for directions of shape ({rows}, 3); expected ({rows},) or"
             f" ({rows}, channels). Index the last axis: wi[..., 2], not wi[2]"
         )
-    return values.astype(float)
+    # The type of the answers is kept: it says how far they are rounded.
+    return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)
+
+
+def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
+    """A family of one, which messages call by the name of `brdf`."""
+
+    def build() -> Callable[..., Any]:
+        return brdf
+
+    build.__name__ = name_of(brdf)
+    return build
 
 
 class Evaluator:
@@ -100,7 +111,7 @@ class Evaluator:
         return brdf
 
     def _run(self, function: Callable, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), double_precision():
             return _checked(function(wi, wo), len(wo), self._name)
 
     def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -136,5 +147,5 @@ class Evaluator:
             raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
 
 
-def _arrays(parameters: Mapping[str, float]) -> dict[str, jax.Array]:
-    return {key: jnp.asarray(value, float) for key, value in parameters.items()}
+def _arrays(parameters: Mapping[str, float]) -> dict[str, np.ndarray]:
+    return {key: np.asarray(value, float) for key, value in parameters.items()}

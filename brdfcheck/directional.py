@@ -25,7 +25,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, Form
-from brdfcheck.callables import Evaluator
+from brdfcheck.callables import Evaluator, constant
 from brdfcheck.factors import Normalized, PerCosine
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
@@ -49,14 +49,17 @@ class Albedo(eqx.Module):
     incidence (engines 1 and 2) or over all of them (engine 3). `engine` names the engine.
     """
 
-    value: Float[Array, ...]
-    error: Float[Array, ...]
-    evaluations: Int[Array, ...]
+    value: Float[Array, "..."]
+    error: Float[Array, "..."]
+    evaluations: Int[Array, "..."]
     engine: str = eqx.field(static=True)
+
+    def __repr__(self) -> str:
+        return f"Albedo(value={self.value}, error={self.error}, evaluations={self.evaluations}, engine={self.engine!r})"
 
 
 def _digits(rtol: float | None, default: float, dtype: Any) -> float:
-    if rtol is not None and (not isinstance(rtol, (int, float)) or not 0 < rtol < 1):
+    if rtol is not None and (not isinstance(rtol, (int, float, np.floating)) or not 0 < rtol < 1):
         raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
     digits = -math.log10(default if rtol is None else rtol)
     return min(digits, -math.log10(float(jnp.finfo(dtype).eps)) - 1)
@@ -75,7 +78,7 @@ def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, Ha
         circle, cut, azimuth, grading = 4.8 * digits, 7 * digits + 6, 4 * digits, (1, 3)
     fine, coarse = (
         HalfVectorOrder(Order(math.ceil(part * circle), math.ceil(part * cut), grading, (3, 3)), math.ceil(part * azimuth))
-        for part in (1.0, 0.8)
+        for part in (1.0, 0.86)
     )
     return fine, coarse
 
@@ -253,9 +256,9 @@ def checked_cosines(cos_theta: Any) -> Array:
 
 def albedo(
     brdf: Callable[..., Any],
-    cos_theta: Float[Array, ...] | float,
+    cos_theta: Float[Array, "..."] | float,
     *,
-    azimuth: Float[Array, ...] | float = 0.0,
+    azimuth: Float[Array, "..."] | float = 0.0,
     rtol: float | None = None,
 ) -> Albedo:
     """The directional albedo of a BRDF at the cosines of incidence `cos_theta`, any shape, in [0, 1]; 0 is the limit.
@@ -270,10 +273,11 @@ def albedo(
     """
     mu = checked_cosines(cos_theta)
     if has_engine(brdf):
+        _digits(rtol, 1e-12, mu.dtype)
         refuse_batched(brdf)
         lobe, mu = _of_one_type(brdf, mu)
         mu = jnp.broadcast_to(mu, jnp.broadcast_shapes(mu.shape, jnp.shape(azimuth)))
-        value, error, count = _shared_lobe(lobe, mu, rtol)
+        value, error, count = _shared_lobe(lobe, mu, None if rtol is None else float(rtol))
         core = peel(lobe)[0]
         engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
         return Albedo(value, error, jnp.asarray(count), engine)
@@ -281,7 +285,7 @@ def albedo(
         raise TypeError(f"a BRDF must be callable, f(wi, wo); got {type(brdf).__name__}")
     if isinstance(mu, Tracer) or isinstance(azimuth, Tracer):
         raise TypeError("the adaptive engine runs on the host: call albedo outside jit, vmap and grad for a function")
-    evaluator = Evaluator(lambda: brdf, {})
+    evaluator = Evaluator(constant(brdf), {})
     return adaptive_albedo(evaluator.bind({}), mu, azimuth, 1e-8 if rtol is None else rtol, slow=evaluator.slow)
 
 
@@ -301,11 +305,13 @@ def adaptive_albedo(
         mu = max(float(mu), _GRAZING)
         sine = math.sqrt((1 - mu) * (1 + mu))
         wi = np.array([sine * math.cos(turn), sine * math.sin(turn), mu])
+        # A function that computes in float32 cannot be integrated to 1e-8; trying would only cost evaluations.
+        answer = evaluate(wi[None], np.array([[0.0, 0.0, 1.0]]))
         result = integrate_hemisphere(
             lambda wo, wi=wi: evaluate(np.broadcast_to(wi, wo.shape), wo),
             mu,
             float(turn),
-            tolerance=rtol,
+            tolerance=max(rtol, ROUNDING * float(np.finfo(answer.dtype).eps)),
             max_evaluations=max_evaluations,
         )
         # Where f was not finite the integral is unknown, whatever the rule says about the rest.
@@ -327,9 +333,11 @@ def _of_one_type(brdf: Any, mu: Array) -> tuple[Any, Array]:
 def refuse_batched(brdf: Any) -> None:
     """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
     core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
-    n = getattr(core, "n", None)
-    if n is not None and getattr(n, "ndim", 0):
+    factor = getattr(brdf, "factor", None)
+    numbers = [getattr(core, "n", None), getattr(core, "alpha", None), getattr(factor, "A", None), getattr(factor, "B", None)]
+    shapes = [number.shape for number in numbers if number is not None and getattr(number, "ndim", 0)]
+    if shapes:
         raise ValueError(
-            f"this lobe holds a batch of exponents of shape {n.shape}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
+            f"this lobe holds a batch of parameters of shape {shapes[0]}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
             " or albedo_table"
         )

@@ -24,7 +24,7 @@ class AbstractFactor(eqx.Module):
     """What a lobe is multiplied by, in 1/sr, as a function of its exponent."""
 
     @abc.abstractmethod
-    def __call__(self, n: Float[Array, ...]) -> Float[Array, ...]:
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         """The factor at the exponents `n`, same shape."""
 
 
@@ -44,7 +44,7 @@ class Factor(AbstractFactor):
             if not np.all(np.isfinite(values) & (values > 0)):
                 raise ValueError(f"B must be finite and > 0; got {B}")
 
-    def __call__(self, n: Float[Array, ...]) -> Float[Array, ...]:
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + self.A) / self.B
 
 
@@ -52,7 +52,7 @@ class Factor(AbstractFactor):
 class PhongExact(AbstractFactor):
     r"""$(n+2)/(2\pi)$: the mirror-form power reflects exactly 1 at normal incidence (Lafortune & Willems 1994)."""
 
-    def __call__(self, n: Float[Array, ...]) -> Float[Array, ...]:
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + 2) / (2 * np.pi)
 
 
@@ -60,7 +60,7 @@ class PhongExact(AbstractFactor):
 class BlinnPhongExact(AbstractFactor):
     r"""$(n+2)(n+4)/(8\pi(2^{-n/2}+n))$: the half-form power reflects exactly 1 at normal incidence (Giesen 2009)."""
 
-    def __call__(self, n: Float[Array, ...]) -> Float[Array, ...]:
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + 2) * (n + 4) / (8 * np.pi * (jnp.exp2(-n / 2) + n))
 
 
@@ -86,7 +86,7 @@ class Normalized(AbstractBRDF):
         """The factor at the lobe's own exponent."""
         return self.factor(self.lobe.n)  # pyright: ignore[reportAttributeAccessIssue]
 
-    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         return self.scale() * self.lobe(wi, wo)
 
 
@@ -99,7 +99,7 @@ class PerCosine(AbstractBRDF):
 
     base: AbstractBRDF
 
-    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         wi = jnp.asarray(wi)
         value = self.base(wi, wo)
         cosine = jnp.maximum(wi[..., 2], _TINY)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 _TINY = 1e-30
 
 
-def direction(cos_theta: Float[Array, ...], azimuth: Float[Array, ...] | float = 0.0) -> Float[Array, "... 3"]:
+def direction(cos_theta: Float[Array, "..."], azimuth: Float[Array, "..."] | float = 0.0) -> Float[Array, "... 3"]:
     """Unit vectors at the polar angle acos(cos_theta) and the azimuth (radians); shapes broadcast to ``(..., 3)``."""
     cos_theta, azimuth = jnp.broadcast_arrays(jnp.asarray(cos_theta), jnp.asarray(azimuth))
     sin_theta = jnp.sqrt(jnp.maximum((1 - cos_theta) * (1 + cos_theta), 0))
@@ -26,13 +26,13 @@ def mirror_direction(wi: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
     return wi * jnp.array([-1, -1, 1], wi.dtype)
 
 
-def mirror_versine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+def mirror_versine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
     """1 - R.V for the mirror direction R of `wi`, in [0, 2]. Equal to |R - V|^2 / 2, which keeps small angles."""
     difference = mirror_direction(wi) - wo
     return jnp.sum(difference * difference, axis=-1) / 2
 
 
-def half_versine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+def half_versine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
     """1 - N.H for the half vector H, in [0, 1] for directions above the surface.
 
     Two opposite directions along the surface have no half vector; they are the limit of mirror pairs, so the value
@@ -45,7 +45,7 @@ def half_versine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[
     return jnp.where(square > _TINY, across / (length * (length + total[..., 2])), 0)
 
 
-def half_cosine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+def half_cosine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
     """wi.H = wo.H = |wi + wo| / 2, in [0, 1]."""
     total = wi + wo
     square = jnp.sum(total * total, axis=-1)

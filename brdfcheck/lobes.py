@@ -31,14 +31,14 @@ def _checked_exponent(n: object, name: str = "n") -> Array:
     return array
 
 
-def _angle(versine: Float[Array, ...]) -> Float[Array, ...]:
+def _angle(versine: Float[Array, "..."]) -> Float[Array, "..."]:
     # asin has no derivative at 0 under AD although everything built on it does: keep away from the exact zero.
     return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(versine / 2, _TINY, 1)))
 
 
 def _power_support(n: Array) -> Array:
     """The versine at which cos^n is negligible."""
-    return -jnp.expm1(-_NEGLIGIBLE / jnp.maximum(n, _TINY))[None]
+    return -jnp.expm1(-_NEGLIGIBLE / jnp.maximum(n, 1e-2))[None]
 
 
 def _power_width(n: Array) -> Array:
@@ -59,14 +59,14 @@ class Lambert(AbstractZonalLobe):
     Raises ValueError where the reflectance is negative or not finite.
     """
 
-    reflectance: Float[Array, ...]
+    reflectance: Float[Array, "..."]
     form: Form = eqx.field(static=True, default="half")
 
     def __init__(self, reflectance: object = 1.0):
         self.reflectance = _checked_exponent(reflectance, "reflectance")
         self.form = "half"
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return jnp.ones_like(versine)
 
     def width(self) -> Float[Array, ""]:
@@ -78,7 +78,7 @@ class Lambert(AbstractZonalLobe):
     def smoothness(self) -> float:
         return np.inf
 
-    def amplitude(self) -> Float[Array, ...]:
+    def amplitude(self) -> Float[Array, "..."]:
         return self.reflectance / np.pi
 
 
@@ -93,7 +93,7 @@ class Phong(AbstractZonalLobe):
         self.n = _checked_exponent(n)
         self.form = "mirror"
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _cosine_power(versine, self.n)
 
     def width(self) -> Float[Array, ""]:
@@ -117,7 +117,7 @@ class BlinnPhong(AbstractZonalLobe):
         self.n = _checked_exponent(n)
         self.form = "half"
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _cosine_power(versine, self.n)
 
     def width(self) -> Float[Array, ""]:
@@ -144,7 +144,7 @@ class Schlick(AbstractZonalLobe):
         self.n = _checked_exponent(n)
         self.form = checked_form(form)
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         c = jnp.maximum(1 - versine, 0)  # a versine may exceed 1 by its rounding
         # At n = 0 and c = 0 the quotient is 0/0; the lobe is then 1 everywhere.
         denominator = self.n * versine + c
@@ -182,7 +182,7 @@ class KuijkBlake(AbstractZonalLobe):
     def _q(self) -> Array:
         return (self.n + 65) / (5 * self.n + 31.7)
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         angle = _angle(versine)
         reciprocal_p, q = self._reciprocal_p(), self._q()
         near = 1 - angle * angle * reciprocal_p / q
@@ -196,7 +196,7 @@ class KuijkBlake(AbstractZonalLobe):
 
     def breaks(self) -> Float[Array, " breaks"]:
         right = np.pi / 2
-        p = jnp.minimum(1 / jnp.maximum(self._reciprocal_p(), _TINY), right)
+        p = jnp.minimum(1 / jnp.maximum(self._reciprocal_p(), 0.5), right)
         return 2 * jnp.sin(jnp.stack([p, jnp.clip(self._q(), p, right)]) / 2) ** 2
 
 
@@ -206,7 +206,7 @@ def _truncated_power(versine: Array, n: Array, k: int, clamped: bool) -> Array:
 
 
 def _truncated_support(n: Array, k: int) -> Array:
-    return jnp.minimum(k / jnp.maximum(n, _TINY), 1)[None]
+    return jnp.minimum(k / jnp.maximum(n, 0.5), 1)[None]
 
 
 @final
@@ -228,7 +228,7 @@ class Lyon(AbstractZonalLobe):
         self.w = int(w)
         self.form = checked_form(form)
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _truncated_power(versine, self.n, 2**self.w, clamped=True)
 
     def width(self) -> Float[Array, ""]:
@@ -263,7 +263,7 @@ class BinomialPower(AbstractZonalLobe):
         self.form = checked_form(form)
         self.clamped = bool(clamped)
 
-    def profile(self, versine: Float[Array, ...]) -> Float[Array, ...]:
+    def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _truncated_power(versine, self.n, self.k, self.clamped)
 
     def width(self) -> Float[Array, ""]:

@@ -32,13 +32,13 @@ _NEGLIGIBLE = 40.0
 _TINY = 1e-18
 
 
-def fresnel_dielectric(cosine: Float[Array, ...], f0: Float[Array, ...]) -> Float[Array, ...]:
+def fresnel_dielectric(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
     r"""Unpolarised Fresnel reflectance, with eta from the reflectance `f0` at normal incidence; exactly 1 for f0 = 1.
 
     $F = \frac12 \left(\frac{g-c}{g+c}\right)^2 \left\{1 + \left[\frac{c(g+c)-1}{c(g-c)+1}\right]^2\right\}$ with
     $g^2 = \eta^2 + c^2 - 1$, $\eta = (1+\sqrt{F_0})/(1-\sqrt{F_0})$ (Cook & Torrance 1982). Shapes broadcast.
     """
-    root = jnp.sqrt(jnp.maximum(f0, _TINY))
+    root = jnp.sqrt(f0 + _TINY)  # not a maximum: the derivative at f0 = 0 is to survive
     metal = root >= 1
     eta = jnp.where(metal, 1.5, (1 + root) / jnp.where(metal, 1, 1 - root))
     c = cosine
@@ -46,10 +46,12 @@ def fresnel_dielectric(cosine: Float[Array, ...], f0: Float[Array, ...]) -> Floa
     # At f0 = 0 there is no surface (eta = 1, g = c): the quotients below stay finite and the first one is 0.
     across = (g - c) / jnp.maximum(g + c, _TINY)
     along = (c * (g + c) - 1) / (c * (g - c) + 1)
-    return jnp.where(metal, 1.0, across**2 * (1 + along**2) / 2)
+    # Near f0 = 1 the missing reflectance goes like (c + 1/c)/2 times the one at normal incidence: 1, with its derivative.
+    mirror = 1 + (f0 - 1) * (c + 1 / jnp.maximum(c, _TINY)) / 2
+    return jnp.where(metal, mirror, across**2 * (1 + along**2) / 2)
 
 
-def fresnel_schlick(cosine: Float[Array, ...], f0: Float[Array, ...]) -> Float[Array, ...]:
+def fresnel_schlick(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
     r"""$F_0 + (1 - F_0)(1 - \cos)^5$ (Schlick 1994). Shapes broadcast."""
     return f0 + (1 - f0) * (1 - cosine) ** 5
 
@@ -69,11 +71,6 @@ def _checked(value: object, name: str, low: float, high: float, *, open_below: b
     return array
 
 
-def _is_one(f0: Array) -> bool:
-    """True where f0 is known to be the number 1: then F = 1 and no Fresnel term is ever evaluated."""
-    return not isinstance(f0, Tracer) and f0.ndim == 0 and bool(np.asarray(f0) == 1)
-
-
 def _choice(value: str, allowed: tuple[str, ...], name: str) -> str:
     if value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(allowed)}; got {value!r}")
@@ -83,17 +80,16 @@ def _choice(value: str, allowed: tuple[str, ...], name: str) -> str:
 class _FacetLobe(AbstractMicrofacetLobe):
     """What lobes share whose distribution has slopes of one shape: kernels, masking, kinks."""
 
-    f0: eqx.AbstractVar[Array]
+    f0: eqx.AbstractVar[Array | None]
     fresnel: eqx.AbstractVar[str]
     masking: eqx.AbstractVar[str]
-    perfect: eqx.AbstractVar[bool]
 
     @abc.abstractmethod
-    def distribution(self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]) -> Float[Array, ...]:
+    def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         """D(h) in 1/sr, normalised to a projected area of 1 where the weights are."""
 
     @abc.abstractmethod
-    def shadowing(self, cosine: Float[Array, ...]) -> tuple[Float[Array, ...], Float[Array, ...]]:
+    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         """Smith's (numerator, denominator) with G1 = cosine * numerator / denominator, finite down to cosine 0.
 
         The denominator is 1 + Lambda times the same positive quantity that scales the numerator.
@@ -104,52 +100,49 @@ class _FacetLobe(AbstractMicrofacetLobe):
         return 1.0
 
     def _masking_over_cosines(self, n_h: Array, mu_i: Array, mu_o: Array, i_h: Array) -> Array:
-        """G / (mu_i mu_o) times mu_i: what remains of the quotient once the viewer's cosine has been cancelled."""
+        """G / (mu_i mu_o), with the cosines cancelled."""
         if self.masking == "none":
-            return 1 / jnp.maximum(mu_o, _TINY)
+            return 1 / (mu_i * mu_o)
         if self.masking == "v-cavities":
-            # min{1, 2 (N.H) mu_o / i_h, 2 (N.H) mu_i / i_h} / mu_o, arranged so that only mu_o > 0 is divided by.
-            safe_o = jnp.maximum(mu_o, _TINY)
-            return jnp.minimum(jnp.minimum(i_h, 2 * n_h * mu_i) / safe_o, 2 * n_h) / jnp.maximum(i_h, _TINY)
+            # min{1, 2 (N.H) mu_o / i_h, 2 (N.H) mu_i / i_h}: the smaller cosine cancels, the larger one is divided by.
+            smaller, larger = jnp.minimum(mu_i, mu_o), jnp.maximum(mu_i, mu_o)
+            return jnp.minimum(i_h / smaller, 2 * n_h) / (jnp.maximum(i_h, _TINY) * larger)
         top_i, bottom_i = self.shadowing(mu_i)
         top_o, bottom_o = self.shadowing(mu_o)
         if self.masking == "smith-separable":
-            return mu_i * top_i / bottom_i * top_o / bottom_o
-        # 1/G = 1 + Lambda_i + Lambda_o = 1/G1_i + 1/G1_o - 1, everything times mu_o top_i top_o mu_i.
+            return top_i / bottom_i * top_o / bottom_o
+        # 1/G = 1 + Lambda_i + Lambda_o = 1/G1_i + 1/G1_o - 1, everything times mu_i mu_o top_i top_o.
         one, two = mu_i * top_i, mu_o * top_o
-        return one * top_o / (bottom_i * two + bottom_o * one - one * two)
+        return top_i * top_o / (bottom_i * two + bottom_o * one - one * two)
 
     def facet_kernel(
         self,
-        half_cosine: Float[Array, ...],
-        half_sine_squared: Float[Array, ...],
-        cos_theta_i: Float[Array, ...],
-        cos_theta_o: Float[Array, ...],
-        incident_half_cosine: Float[Array, ...],
-    ) -> Float[Array, ...]:
-        mu_i = jnp.maximum(cos_theta_i, _TINY)
+        half_cosine: Float[Array, "..."],
+        half_sine_squared: Float[Array, "..."],
+        cos_theta_i: Float[Array, "..."],
+        cos_theta_o: Float[Array, "..."],
+        incident_half_cosine: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
         if self.masking == "v-cavities":
-            # G (wi.H) / mu_i; the minimum is taken before the division, which keeps it finite at grazing incidence.
-            factor = jnp.minimum(incident_half_cosine, 2 * half_cosine * jnp.minimum(cos_theta_o, cos_theta_i))
-            geometric = jnp.maximum(factor, 0) / mu_i
+            # G (wi.H) / mu_i = min{wi.H / mu_i, 2 (N.H) mu_o / mu_i, 2 (N.H)}: finite at grazing incidence.
+            smaller = jnp.minimum(incident_half_cosine, 2 * half_cosine * cos_theta_o)
+            geometric = jnp.minimum(smaller / cos_theta_i, 2 * half_cosine)
+        elif self.masking == "none":
+            geometric = incident_half_cosine / cos_theta_i
         else:
-            geometric = (
-                self._masking_over_cosines(half_cosine, mu_i, cos_theta_o, incident_half_cosine)
-                * cos_theta_o
-                * incident_half_cosine
-                / mu_i
-            )
+            masked = self._masking_over_cosines(half_cosine, cos_theta_i, cos_theta_o, incident_half_cosine)
+            geometric = masked * cos_theta_o * incident_half_cosine
         density = self.scale() * self.distribution(half_cosine, half_sine_squared) * geometric
         return _times_fresnel(self, density, incident_half_cosine)
 
-    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, ...]:
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The value of the BRDF in 1/sr, shape (...), or (..., channels) where f0 has channels."""
         wi, wo = jnp.asarray(wi), jnp.asarray(wo)
         versine = geometry.half_versine(wi, wo)
         n_h = 1 - versine
         i_h = geometry.half_cosine(wi, wo)
         mu_i, mu_o = jnp.maximum(wi[..., 2], _TINY), jnp.maximum(wo[..., 2], _TINY)
-        masked = self._masking_over_cosines(n_h, mu_i, mu_o, i_h) / mu_i
+        masked = self._masking_over_cosines(n_h, mu_i, mu_o, i_h)
         density = self.scale() * self.distribution(n_h, versine * (2 - versine)) * masked / 4
         density = jnp.where(geometry.above_horizon(wi, wo), density, 0)
         return _times_fresnel(self, density, i_h)
@@ -189,7 +182,7 @@ class _FacetLobe(AbstractMicrofacetLobe):
 
 
 def _times_fresnel(lobe: _FacetLobe, density: Array, i_h: Array) -> Array:
-    if lobe.perfect:
+    if lobe.f0 is None:
         return density
     fresnel = FRESNELS[lobe.fresnel]
     if lobe.f0.ndim:
@@ -205,25 +198,25 @@ class CookTorrance(_FacetLobe):
     $G = \min\{1, 2(N \cdot H)(N \cdot V)/(V \cdot H), 2(N \cdot H)(N \cdot L)/(V \cdot H)\}$.
 
     `m`: the slope, or several slopes of shape (k,) with `weights` of the same shape. `f0`: reflectance at normal
-    incidence, a number or one number a channel; 1 means F = 1. `convention="published"` is the printed form, D without
+    incidence, a number or one number a channel; by default None, which is F = 1 and costs nothing.
+    `convention="published"` is the printed form, D without
     its 1/pi over pi instead of 4: four times the correct one. `masking`: "v-cavities", "smith-separable",
     "smith-correlated" or "none". `fresnel`: "dielectric" (exact) or "schlick".
 
     Raises ValueError for m <= 0, f0 outside [0, 1], negative weights, unknown names, or Smith masking with several slopes.
     """
 
-    m: Float[Array, ...]
-    f0: Float[Array, ...]
-    weights: Float[Array, ...]
+    m: Float[Array, "..."]
+    f0: Float[Array, "..."] | None
+    weights: Float[Array, "..."]
     convention: str = eqx.field(static=True)
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
-    perfect: bool = eqx.field(static=True)
 
     def __init__(
         self,
         m: object,
-        f0: object = 1.0,
+        f0: object = None,
         *,
         weights: object = 1.0,
         convention: str = "correct",
@@ -231,7 +224,7 @@ class CookTorrance(_FacetLobe):
         fresnel: str = "dielectric",
     ):
         self.m = _checked(m, "m", 0, np.inf, open_below=True)
-        self.f0 = _checked(f0, "f0", 0, 1)
+        self.f0 = None if f0 is None else _checked(f0, "f0", 0, 1)
         self.weights = _checked(weights, "weights", 0, np.inf)
         if self.m.shape != self.weights.shape or self.m.ndim > 1:
             raise ValueError(
@@ -240,14 +233,13 @@ class CookTorrance(_FacetLobe):
         self.convention = _choice(convention, CONVENTIONS, "convention")
         self.masking = _choice(masking, MASKINGS, "masking")
         self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
-        self.perfect = _is_one(self.f0)
         if self.m.ndim and self.masking.startswith("smith"):
             raise ValueError("Smith masking belongs to one slope; with several slopes use masking='v-cavities'")
 
     def scale(self) -> float:
         return 4.0 if self.convention == "published" else 1.0
 
-    def distribution(self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]) -> Float[Array, ...]:
+    def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         square = jnp.maximum(half_cosine**2, _TINY)
         tangent_squared = half_sine_squared / square
         if not self.m.ndim:
@@ -256,7 +248,7 @@ class CookTorrance(_FacetLobe):
         terms = self.weights * jnp.exp(-tangent_squared[..., None] / m**2) / m**2
         return jnp.sum(terms, axis=-1) / (np.pi * square**2)
 
-    def shadowing(self, cosine: Float[Array, ...]) -> tuple[Float[Array, ...], Float[Array, ...]]:
+    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) a.
         inverse = 1 / (self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), _TINY)))
         a = cosine * inverse
@@ -282,24 +274,22 @@ class GGX(_FacetLobe):
     """
 
     alpha: Float[Array, ""]
-    f0: Float[Array, ...]
+    f0: Float[Array, "..."] | None
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
-    perfect: bool = eqx.field(static=True)
 
-    def __init__(self, alpha: object, f0: object = 1.0, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
+    def __init__(self, alpha: object, f0: object = None, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
         self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
-        self.f0 = _checked(f0, "f0", 0, 1)
+        self.f0 = None if f0 is None else _checked(f0, "f0", 0, 1)
         self.masking = _choice(masking, MASKINGS, "masking")
         self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
-        self.perfect = _is_one(self.f0)
 
-    def distribution(self, half_cosine: Float[Array, ...], half_sine_squared: Float[Array, ...]) -> Float[Array, ...]:
+    def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2: no tangent, nothing to overflow.
         square = self.alpha**2
         return square / (np.pi * (square * half_cosine**2 + half_sine_squared) ** 2)
 
-    def shadowing(self, cosine: Float[Array, ...]) -> tuple[Float[Array, ...], Float[Array, ...]]:
+    def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         # 1 + Lambda = (1 + sqrt(1 + alpha^2 tan^2)) / 2; both sides times 2 cos.
         square = cosine**2
         return jnp.full_like(cosine, 2.0), cosine + jnp.sqrt(square + self.alpha**2 * (1 - square))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import os
 import warnings
 from pathlib import Path
@@ -12,6 +14,13 @@ import jax
 def use_x64() -> None:
     """Switch JAX to float64 for the whole process."""
     jax.config.update("jax_enable_x64", True)
+
+
+def double_precision() -> contextlib.AbstractContextManager[object]:
+    """float64 within a ``with`` block, whatever the process runs in: for users' functions, whose error bars depend on it."""
+    if hasattr(jax, "enable_x64"):
+        return jax.enable_x64(True)
+    return importlib.import_module("jax.experimental").enable_x64(True)  # JAX before 0.8
 
 
 def cache_folder() -> Path:

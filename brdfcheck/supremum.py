@@ -253,7 +253,7 @@ def supremum(
     where, cosines, azimuths = box.physical(best[None])
     above = None
     if intervals and albedo.fast and parameters == 1 and not np.isnan(peak):
-        above = _above(box, best, threshold) if peak > threshold else ()
+        above = _above(box, best, threshold) if peak - error > threshold else ()
     names = {name: float(value) for name, value in zip(albedo.names, where[0], strict=True)}
     return Supremum(peak, error, names, float(cosines[0]), float(azimuths[0]), threshold, above)
 

@@ -185,7 +185,7 @@ def albedo_table(
     """Directional albedo over exponents and cosines of incidence, shape (n, cos_theta) (and channels), never clamped.
 
     `brdf_of_n`: a lobe class, a callable n -> BRDF, or a catalogue name. `n` and `cos_theta` are one-dimensional; `rtol` as
-    for `albedo`. `error` bounds the absolute error of each cell.
+    for `albedo`. `error` bounds the absolute error of each cell. The axes are numbers, not traced values.
     Raises ValueError for empty or wrong axes, KeyError for an unknown catalogue name.
     """
     if isinstance(brdf_of_n, str):
@@ -194,7 +194,10 @@ def albedo_table(
     mu = directional.checked_cosines(cos_theta)
     if mu.ndim != 1 or mu.size == 0:
         raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
-    shape = _structure(brdf_of_n, np.dtype(mu.dtype))
+    try:
+        shape = _structure(brdf_of_n, np.dtype(mu.dtype))
+    except TypeError:  # a callable that cannot be hashed
+        shape = _structure.__wrapped__(brdf_of_n, np.dtype(mu.dtype))
     if shape is None:
         rows = [directional.albedo(brdf_of_n(float(value)), mu, rtol=rtol) for value in exponents]
         count = np.sum([row.evaluations for row in rows])

@@ -10,12 +10,17 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy
 import numpy as np
 
 from brdfcheck import catalog
 from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.callables import Finding, name_of
+from brdfcheck.callables import Finding, constant, name_of
 from brdfcheck.directional import refuse_batched
+from brdfcheck.factors import Normalized, PerCosine
 from brdfcheck.family import Family
 from brdfcheck.pointwise import PointwiseAlbedo
 from brdfcheck.side_checks import SideChecks, side_checks
@@ -107,13 +112,10 @@ def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta:
     if isinstance(target, AbstractBRDF):
         refuse_batched(target)
         if ranges:
-            raise ValueError(
-                f"{name_of(target)} is one BRDF: to let {next(iter(ranges))} run over a range, give its class or a"
-                " function of the parameter that returns a BRDF"
-            )
-        return Family(name_of(target), _constant(target), {}, angles)
+            return Family(name_of(target), _varied(target, tuple(ranges)), ranges, angles)
+        return Family(name_of(target), constant(target), {}, angles)
     names = _parameter_names(target)
-    if ranges and names is not None and _takes_directions(target, names):
+    if ranges and names is not None and _takes_directions(target, names) and not set(names) <= set(ranges):
         raise ValueError(
             f"{name_of(target)}({', '.join(names)}) is one BRDF: to let {next(iter(ranges))} run over a range, give a"
             " function of the parameter that returns a BRDF"
@@ -123,18 +125,32 @@ def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta:
         if not ranges:
             raise ValueError(f"{name_of(target)} takes {', '.join(names) or 'no arguments'}: give the ranges to run over")
     if not ranges:
-        return Family(name_of(target), _constant(target), {}, angles)
+        return Family(name_of(target), constant(target), {}, angles)
     unknown = [name for name in ranges if names is not None and name not in names]
     if unknown:
         raise ValueError(f"{name_of(target)} has no parameter {unknown[0]!r}; it takes {', '.join(names or ())}")
     return Family(name_of(target), target, ranges, angles)
 
 
-def _constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
-    def build() -> Callable[..., Any]:
-        return brdf
+def _varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., AbstractBRDF]:
+    """One BRDF as a family: its parameters `names` replaced. ValueError where it has no such number."""
 
-    build.__name__ = name_of(brdf)  # what messages call it
+    def owner(brdf: Any) -> Any:
+        return owner(brdf.lobe) if isinstance(brdf, Normalized) else owner(brdf.base) if isinstance(brdf, PerCosine) else brdf
+
+    core = owner(brdf)
+    for name in names:
+        if not isinstance(getattr(core, name, None), jax.Array):
+            known = [field for field in core.__dataclass_fields__ if isinstance(getattr(core, field), jax.Array)]
+            raise ValueError(f"{name_of(core)} has no parameter {name!r}; its parameters: {', '.join(known) or 'none'}")
+
+    def build(**values: Any) -> AbstractBRDF:
+        # The lobe's own constructor would check the domain, but may not know all its fields by these names.
+        if any(not isinstance(value, jax.core.Tracer) and value < 0 for value in values.values()):
+            raise ValueError(f"{', '.join(names)} must be >= 0; got {', '.join(f'{value:g}' for value in values.values())}")
+        replaced = [jax.numpy.asarray(values[name]) for name in names]
+        return eqx.tree_at(lambda tree: [getattr(owner(tree), name) for name in names], brdf, replaced)
+
     return build
 
 
@@ -236,6 +252,8 @@ def check_family(family: Family, *, tolerance: float = TOLERANCE, rtol: float | 
     if worst is not None and np.isnan(worst.value):
         findings.append("the albedo is not a number where the BRDF is not finite")
     verdict = Verdict.UNDECIDED if worst is None else judge(worst.value, worst.error, tolerance)
+    if verdict is Verdict.UNDECIDED and worst is not None and jax.numpy.zeros(0).dtype == np.float32:
+        notes.append("computed in float32: call brdfcheck.use_x64() first for an error bar below 1e-9")
     return Report(
         name=family.name,
         verdict=verdict,

@@ -29,7 +29,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf import Form
 
-# The grazing limit: cosines below this are taken as this. No result depends on it, and its square is normal in float32.
+# Added to every cosine, so that none is 0: no result depends on it, and its square is normal in float32.
 _SMALLEST_COSINE = 1e-18
 
 
@@ -82,7 +82,7 @@ class _Panel(NamedTuple):
     weight: Array
 
 
-def _root(square: Array) -> Array:
+def safe_root(square: Array) -> Array:
     """sqrt with the derivative 0 at 0 and below, where it is 0."""
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
@@ -112,8 +112,8 @@ def _panels(quarter: Array, width: Array, table: tuple[np.ndarray, np.ndarray]) 
 
 def grazing_safe(cos_theta: Float[Array, ""]) -> tuple[Array, Array]:
     """(cos theta kept off 0, sin theta). The derivative of sin theta at normal incidence is taken as 0."""
-    mu = jnp.maximum(cos_theta, _SMALLEST_COSINE)
-    return mu, _root((1 - mu) * (1 + mu))
+    mu = cos_theta + _SMALLEST_COSINE  # not a maximum: the derivative at 0 is to survive
+    return mu, safe_root((1 - mu) * (1 + mu))
 
 
 def polar_nodes(
@@ -130,15 +130,15 @@ def polar_nodes(
     quarter_d = half_d / (1 + jnp.sqrt(1 + half_d * half_d))
     versine_d = mu * half_d
     v = jnp.concatenate([jnp.zeros_like(breaks[:1]), jnp.minimum(breaks, 1)])
-    root = _root(v / (2 - v))
+    root = safe_root(v / (2 - v))
     if form == "mirror":
         width, quarter = width / 4, root / (1 + jnp.sqrt(1 + root * root))
         versine_x, coversine_x = v, 2 - v
     else:  # x = 2 gamma
         width, quarter = width / 2, root
         versine_x, coversine_x = 2 * v * (2 - v), 2 * (1 - v) ** 2
-    quarter_f = _root(jnp.clip(versine_x - versine_d, 0, 2 * sine)) / jnp.maximum(
-        _root(coversine_x - versine_d) + _root(2 * sine), _SMALLEST_COSINE
+    quarter_f = safe_root(jnp.clip(versine_x - versine_d, 0, 2 * sine)) / jnp.maximum(
+        safe_root(coversine_x - versine_d) + safe_root(2 * sine), _SMALLEST_COSINE
     )
 
     circle = _panels(

@@ -1,0 +1,302 @@
+"""From a target to a verdict: what is accepted, what is judged, what is found."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PhongExact
+from brdfcheck.family import Family
+from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
+from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.verdict import TOLERANCE, Report, Verdict, as_family, check, check_family, judge
+
+CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [
+        (0.5, 0.1, CONSERVES),
+        (1.0, 0.0, CONSERVES),
+        (1 + 5e-10, 4e-10, CONSERVES),
+        (1.0, 2e-9, UNDECIDED),
+        (0.999, 0.01, UNDECIDED),
+        (1.001, 0.01, UNDECIDED),
+        (1 + 3e-9, 1e-9, VIOLATES),
+        (1 + 3e-9, 2.5e-9, UNDECIDED),
+        (1.001, 1e-12, VIOLATES),
+        (4.0, 1.0, VIOLATES),
+        (4.0, np.inf, UNDECIDED),
+        (0.5, np.inf, UNDECIDED),
+        (np.inf, 0.0, VIOLATES),
+        (np.inf, np.inf, VIOLATES),
+        (np.inf, np.nan, VIOLATES),
+        (np.nan, 0.0, UNDECIDED),
+        (np.nan, np.nan, UNDECIDED),
+        (0.5, np.nan, UNDECIDED),
+        (2.0, np.nan, UNDECIDED),
+        (-1.0, 0.0, CONSERVES),
+    ],
+)
+def test_judge(value: float, error: float, expected: Verdict) -> None:
+    assert judge(value, error) is expected
+
+
+def test_the_tolerance_moves_the_line() -> None:
+    assert TOLERANCE == 1e-9
+    assert judge(1.005, 1e-9, 0.01) is CONSERVES
+    assert judge(1.005, 1e-9, 0.001) is VIOLATES
+    assert judge(1.005, 1e-9, 0.005) is UNDECIDED
+    assert judge(1.0, 1e-15, 0.0) is UNDECIDED
+
+
+# --- targets ---
+
+
+def test_every_kind_of_target() -> None:
+    phong = {"n": (1.0, 10.0)}
+
+    def factory(n):
+        return Normalized(Phong(n), PhongExact())
+
+    targets = [
+        ("phong", phong),
+        (Family("mine", factory, phong), {}),
+        (factory, phong),
+        (Normalized(Phong(3.0), PhongExact()), {}),
+    ]
+    for target, ranges in targets:
+        report = check(target, **ranges)
+        assert report.verdict is CONSERVES
+        assert report.albedo == pytest.approx(1, abs=1e-12)
+        assert report.cos_theta == 1
+        assert report.engine == "zonal"
+        assert report.passed
+    raw = check(Phong, n=(1, 1000))
+    assert raw.verdict is VIOLATES
+    assert (raw.name, raw.albedo, raw.parameters) == ("Phong", pytest.approx(2 * np.pi / 3), {"n": 1.0})
+    assert raw.above == ((1.0, pytest.approx(2 * np.pi - 2, abs=1e-6)),)
+    assert not raw.passed
+
+
+def test_usual_ranges_of_a_class() -> None:
+    for target, expected in (
+        (BlinnPhong, {"n": (1.0, 1000.0)}),
+        (BinomialPower, {"n": (1.0, 1000.0)}),
+        (GGX, {"alpha": (0.05, 1.0)}),
+        (CookTorrance, {"m": (0.05, 1.0)}),
+        (lambda n: Phong(n), {"n": (1.0, 1000.0)}),
+    ):
+        family = as_family(target, {}, None)
+        assert dict(family.ranges) == expected
+        assert family.cos_theta == (0.0, 1.0)
+
+
+def test_ranges_of_a_family_can_be_narrowed() -> None:
+    family = as_family("phong", {"n": (2.0, 3.0)}, (0.5, 0.6))
+    assert (family.name, family.ranges, family.cos_theta) == ("phong", {"n": (2.0, 3.0)}, (0.5, 0.6))
+    kept = as_family("phong-classical", {}, None)
+    assert kept.cos_theta[0] == pytest.approx(np.cos(np.radians(89)))
+    report = check("binomial-power-published", n=(30.0, 1000.0), cos_theta=(0.5, 1.0))
+    assert report.verdict is CONSERVES
+    assert report.ranges == {"n": (30.0, 1000.0)}
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "error", "message"),
+    [
+        ("fong", {}, KeyError, "phong"),
+        ("phong", {"m": (0.1, 1.0)}, ValueError, "phong has no parameter 'm'; its parameters: n"),
+        ("phong", {"n": (5.0, 1.0)}, ValueError, "the range of n is empty: 5 > 1"),
+        ("phong", {"n": (1.0, np.nan)}, ValueError, "must be finite"),
+        ("phong", {"n": (1.0, np.inf)}, ValueError, "must be finite"),
+        ("phong", {"n": 3.0}, ValueError, "must be two numbers"),
+        ("phong", {"n": (1, 2, 3)}, ValueError, "must be two numbers"),
+        ("phong", {"n": ("a", "b")}, ValueError, "must be two numbers"),
+        ("phong", {"cos_theta": (-0.1, 1.0)}, ValueError, "cos_theta must run within 0:1"),
+        ("phong", {"cos_theta": (0.0, 1.1)}, ValueError, "cos_theta must run within 0:1"),
+        ("phong", {"cos_theta": (0.9, 0.1)}, ValueError, "cos_theta is empty"),
+        ("phong", {"tolerance": -1e-9}, ValueError, "tolerance"),
+        ("phong", {"tolerance": 1.0}, ValueError, "tolerance"),
+        ("phong", {"tolerance": np.nan}, ValueError, "tolerance"),
+        ("phong", {"tolerance": "1e-9"}, ValueError, "tolerance"),
+        ("phong", {"rtol": 2.0}, ValueError, "rtol"),
+        (Phong(3.0), {"n": (1.0, 2.0)}, ValueError, "Phong is one BRDF"),
+        (Phong, {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; it takes n"),
+        (Phong, {"n": (-1.0, 2.0)}, ValueError, "n must be a finite number >= 0"),
+        (Lambert, {}, ValueError, "Lambert takes reflectance: give the ranges"),
+        (lambda gloss: Phong(gloss), {}, ValueError, "takes gloss: give the ranges"),
+        (3.0, {}, TypeError, "must be callable"),
+        (None, {}, TypeError, "got NoneType"),
+    ],
+)
+def test_bad_requests_are_refused(target, options, error, message) -> None:
+    with pytest.raises(error, match=message):
+        check(target, **options)
+
+
+# --- verdicts ---
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda n: Normalized(Phong(n), Factor(2, 2 * np.pi / 1.01)),
+        lambda n: Normalized(BinomialPower(n), Factor(7.2427, 26.1702 / 1.01)),
+        lambda n: Normalized(Lyon(n, 2), Factor(6.0133, 22.9294 / 1.01)),
+        lambda n: Normalized(Schlick(n), Factor(15.531, 34.623 / 1.01)),
+    ],
+)
+def test_a_factor_one_percent_too_large_is_caught(build) -> None:
+    report = check(build, n=(1, 1000), intervals=False)
+    assert report.verdict is VIOLATES
+    assert report.albedo == pytest.approx(1.01, abs=1e-4)
+    assert report.above is None
+
+
+def test_no_false_verdict_within_a_millionth_of_the_line() -> None:
+    # Exact factors times 1 + d: the largest albedo is 1 + d whatever the range.
+    random = np.random.default_rng(5)
+    seen = set()
+    for case in range(36):
+        excess = float(random.choice([-1, 1]) * 10 ** random.uniform(-12, -6))
+        low = float(10 ** random.uniform(-1, 2))
+        if case % 2:
+            exact = float(BlinnPhongExact()(jnp.asarray(low)))
+            single = Normalized(BlinnPhong(low), Factor(exact * (1 + excess) - low, 1.0))
+            family = Family("blinn-phong", lambda single=single: single)
+        else:
+            family = Family(
+                "phong",
+                lambda n, d=excess: Normalized(Phong(n), Factor(2, 2 * np.pi / (1 + d))),
+                {"n": (low, 50 * low)},
+            )
+        report = check_family(family, intervals=False)
+        if excess > 1.001e-9:
+            assert report.verdict is VIOLATES, (case, excess, report)
+        elif excess < 0.999e-9:
+            assert report.verdict is CONSERVES, (case, excess, report)
+        seen.add(report.verdict)
+        assert abs(report.albedo - 1 - excess) <= report.error + 2e-15
+    assert seen >= {CONSERVES, VIOLATES}
+
+
+def test_on_the_line_nothing_is_decided() -> None:
+    report = check(Normalized(Phong(10.0), Factor(2, 2 * np.pi / (1 + TOLERANCE))))
+    assert report.verdict is UNDECIDED
+    assert not report.passed
+    assert check(Normalized(Phong(10.0), Factor(2, 2 * np.pi / (1 + TOLERANCE))), tolerance=1e-6).verdict is CONSERVES
+
+
+def test_tolerance_is_in_the_report_and_in_the_intervals() -> None:
+    loose = check("binomial-power-published", tolerance=0.002)
+    assert (loose.verdict, loose.tolerance, loose.above) == (CONSERVES, 0.002, ())
+    middle = check("binomial-power-published", tolerance=0.001)
+    strict = check("binomial-power-published")
+    assert middle.verdict is strict.verdict is VIOLATES
+    assert middle.above is not None
+    assert strict.above is not None
+    assert strict.above[0][0] < middle.above[0][0] < 17.85 < middle.above[0][1] < strict.above[0][1]
+    assert middle.albedo == strict.albedo
+
+
+def test_the_worst_channel_decides() -> None:
+    good = check(Lambert(jnp.asarray([0.1, 0.9, 0.5])))
+    assert good.albedo == pytest.approx(0.9, abs=1e-13)
+    assert good.passed
+    bad = check(Lambert(jnp.asarray([0.1, 0.9, 1.2])))
+    assert (bad.verdict, bad.albedo) == (VIOLATES, pytest.approx(1.2, abs=1e-12))
+
+
+def test_an_infinite_albedo_violates() -> None:
+    from brdfcheck.factors import PerCosine
+
+    report = check(PerCosine(Normalized(Phong(5.0), PhongExact())))
+    assert report.verdict is VIOLATES
+    assert report.albedo == np.inf
+    assert report.cos_theta == 0
+    assert report.angle == 90
+
+
+def test_reports_add_up() -> None:
+    report = check("phong", n=(1, 10))
+    assert isinstance(report, Report)
+    assert report.angle == pytest.approx(0)
+    assert report.evaluations > 1000
+    assert 0 < report.seconds < 60
+    assert dataclasses.replace(report, findings=("bad",)).passed is False
+    assert dataclasses.replace(report, verdict=UNDECIDED).passed is False
+    assert dataclasses.replace(report, notes=("slow",)).passed is True
+    assert dataclasses.replace(report, cos_theta=0.5).angle == pytest.approx(60)
+
+
+# --- functions of users ---
+
+
+def raises(wi, wo):
+    raise RuntimeError("boom")
+
+
+FUNCTIONS = {
+    "nan": (lambda wi, wo: jnp.where(wo[..., 0] > 0.3, jnp.nan, 0.1), UNDECIDED, "not a number|not finite"),
+    "negative": (lambda wi, wo: 0.1 - 0.2 * wi[..., 2] * wo[..., 2], CONSERVES, r"negative: the smallest value seen is -0\.1"),
+    "not reciprocal": (lambda wi, wo: 0.2 * wi[..., 2] + 0 * wo[..., 2], CONSERVES, "not reciprocal"),
+    "raises": (raises, UNDECIDED, "raised RuntimeError: boom"),
+    "complex": (lambda wi, wo: wo[..., 2] * 1j, UNDECIDED, "complex"),
+    "shape": (lambda wi, wo: wo[2], UNDECIDED, "returned shape"),
+    "words": (lambda wi, wo: np.array(["no"] * len(wo)), UNDECIDED, "not numbers"),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_defects_of_a_function_are_findings(name: str) -> None:
+    function, verdict, message = FUNCTIONS[name]
+    report = check(function)
+    assert report.verdict is verdict
+    assert not report.passed
+    assert any(re.search(message, finding) for finding in report.findings), report.findings
+    if name in ("raises", "complex", "shape", "words"):
+        assert np.isnan(report.albedo)
+        assert report.side is None
+        assert (report.engine, report.evaluations, report.parameters) == ("none", 0, {})
+
+
+def test_a_sound_function_conserves() -> None:
+    report = check(lambda wi, wo: 0.9 / jnp.pi + 0 * wo[..., 2])
+    assert report.verdict is CONSERVES
+    assert report.albedo == pytest.approx(0.9, abs=1e-9)
+    assert report.passed
+    assert report.engine == "adaptive"
+    assert not report.anisotropic
+    slow = check(lambda wi, wo: 1.1 / np.pi + 0 * np.asarray(wo)[..., 2])
+    assert slow.verdict is VIOLATES
+    assert slow.engine == "adaptive (numpy)"
+    assert "numpy" in slow.notes[0]
+
+
+def test_a_family_of_functions_and_its_worst_parameter() -> None:
+    def factory(strength):
+        return lambda wi, wo: (1.2 - (strength - 0.37) ** 2) / jnp.pi + 0 * wo[..., 2]
+
+    report = check(factory, strength=(0.0, 1.0))
+    assert report.verdict is VIOLATES
+    assert report.albedo == pytest.approx(1.2, abs=1e-8)
+    assert report.parameters["strength"] == pytest.approx(0.37, abs=1e-3)
+
+
+def test_an_anisotropic_function_is_turned() -> None:
+    def brushed(wi, wo):
+        return (0.6 + 0.3 * (wi[..., 0] * np.cos(0.8) + wi[..., 1] * np.sin(0.8))) / jnp.pi + 0 * wo[..., 2]
+
+    report = check(brushed)
+    assert report.anisotropic
+    assert any("anisotropic" in note for note in report.notes)
+    # The largest value is at grazing incidence, at the azimuth 0.8.
+    assert report.albedo == pytest.approx(0.9, abs=1e-6)
+    assert np.cos(report.azimuth - 0.8) == pytest.approx(1, abs=1e-4)
+    assert report.cos_theta < 0.01
