@@ -42,7 +42,7 @@ def half_versine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[
     across = total[..., 0] ** 2 + total[..., 1] ** 2
     square = across + total[..., 2] ** 2
     length = jnp.sqrt(jnp.where(square > _TINY, square, 1))
-    return jnp.where(square > _TINY, across / (length * (length + total[..., 2])), 0)
+    return jnp.minimum(jnp.where(square > _TINY, across / (length * (length + total[..., 2])), 0), 1)
 
 
 def half_cosine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:

@@ -126,7 +126,7 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     with np.errstate(all="ignore"):
         residual = np.where(larger > _NOTHING * peak, np.abs(there - back) / larger, 0)
     worst_residual = float(np.max(residual, initial=0.0))
-    minimum = float(min(there.min(), back.min()))
+    minimum = float(np.min(np.minimum(there, back), where=finite, initial=np.inf)) if np.any(finite) else float("nan")
     return SideChecks(
         worst_residual,
         minimum,

@@ -48,7 +48,8 @@ class _Axis:
             return np.clip(self.low * (self.high / self.low) ** unit, self.low, self.high)
         if self.power != 1:  # dense at the lower end
             low, high = self.low ** (1 / self.power), self.high ** (1 / self.power)
-            return np.clip((low + (high - low) * unit) ** self.power, self.low, self.high)
+            inside = np.clip((low + (high - low) * unit) ** self.power, self.low, self.high)
+            return np.where(unit >= 1, self.high, inside)  # the end itself, not its rounding
         return np.clip(self.low + (self.high - self.low) * unit, self.low, self.high)
 
 

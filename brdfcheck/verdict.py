@@ -146,8 +146,12 @@ def _varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., Abstrac
 
     def build(**values: Any) -> AbstractBRDF:
         # The lobe's own constructor would check the domain, but may not know all its fields by these names.
-        if any(not isinstance(value, jax.core.Tracer) and value < 0 for value in values.values()):
-            raise ValueError(f"{', '.join(names)} must be >= 0; got {', '.join(f'{value:g}' for value in values.values())}")
+        for name, value in values.items():
+            if not isinstance(value, jax.core.Tracer):
+                if value < 0 or (name in ("m", "alpha") and value == 0):
+                    raise ValueError(f"{name} must be {'> 0' if name in ('m', 'alpha') else '>= 0'}; got {value:g}")
+                if name == "f0" and value > 1:
+                    raise ValueError(f"f0 must be >= 0 and <= 1; got {value:g}")
         replaced = [jax.numpy.asarray(values[name]) for name in names]
         return eqx.tree_at(lambda tree: [getattr(owner(tree), name) for name in names], brdf, replaced)
 
@@ -217,6 +221,8 @@ def check(
     """
     if not (isinstance(tolerance, (int, float)) and 0 <= tolerance < 1):
         raise ValueError(f"tolerance must be a number in [0, 1); got {tolerance!r}")
+    if rtol is not None and not (isinstance(rtol, (int, float)) and 0 < rtol < 1):
+        raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
     family = as_family(target, ranges, cos_theta)
     _refuse_corners(family)
     return check_family(family, tolerance=tolerance, rtol=rtol, intervals=intervals)

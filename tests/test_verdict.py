@@ -84,6 +84,14 @@ def test_every_kind_of_target() -> None:
     assert not raw.passed
 
 
+def test_the_parameters_of_one_brdf_can_run_over_a_range() -> None:
+    exact = check(Normalized(Phong(3.0), PhongExact()), n=(1.0, 10.0))
+    assert exact.verdict is CONSERVES
+    assert exact.albedo == pytest.approx(1, abs=1e-12)
+    raw = check(Phong(3.0), n=(2.0, 10.0))
+    assert (raw.albedo, raw.parameters) == (pytest.approx(np.pi / 2), {"n": 2.0})
+
+
 def test_usual_ranges_of_a_class() -> None:
     for target, expected in (
         (BlinnPhong, {"n": (1.0, 1000.0)}),
@@ -126,7 +134,8 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
         ("phong", {"tolerance": np.nan}, ValueError, "tolerance"),
         ("phong", {"tolerance": "1e-9"}, ValueError, "tolerance"),
         ("phong", {"rtol": 2.0}, ValueError, "rtol"),
-        (Phong(3.0), {"n": (1.0, 2.0)}, ValueError, "Phong is one BRDF"),
+        (Phong(3.0), {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; its parameters: n"),
+        (Phong(3.0), {"n": (-1.0, 2.0)}, ValueError, "n must be >= 0; got -1"),
         (Phong, {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; it takes n"),
         (Phong, {"n": (-1.0, 2.0)}, ValueError, "n must be a finite number >= 0"),
         (Lambert, {}, ValueError, "Lambert takes reflectance: give the ranges"),
