@@ -16,8 +16,6 @@ from brdfcheck.microfacet import GGX, CookTorrance
 
 _POWERS = {"n": (1.0, 1000.0)}
 _UP_TO_89_DEGREES = (float(np.cos(np.radians(89))), 1.0)
-# (n+2)/(2 pi), often applied to lobes that it does not normalise, and the two factors in wide use for Blinn-Phong.
-_PHONG_FACTOR = Factor
 _OURS = "brdfcheck: the largest smallest albedo of all factors (n+A)/B with E <= 1 on n in [1, 1000], rounded to the safe side"
 
 
