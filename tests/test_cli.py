@@ -19,7 +19,7 @@ from rich.console import Console
 
 import brdfcheck
 from brdfcheck import catalog, cli, console
-from brdfcheck.cli import ExitCode
+from brdfcheck.cli import ExitCode, output
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 
@@ -409,10 +409,10 @@ def test_the_work_goes_on_without_a_reader(monkeypatch: pytest.MonkeyPatch, tmp_
 
         monkeypatch.setattr(sys, "stdout", stream)
         with monkeypatch.context() as patch:
-            patch.setattr(cli._Output, "_write", staticmethod(lambda where, text: cli_write(where, text)))
+            patch.setattr(output.Output, "_write", staticmethod(lambda where, text: cli_write(where, text)))
 
             def cli_write(where: io.TextIOWrapper, text: str) -> None:
-                with cli._quiet_when_unread(where):
+                with output.quiet_when_unread(where):
                     broken(text)
 
             assert cli.run(["check", "phong", "--json", str(tmp_path / "out.json")]) == ExitCode.PASSED

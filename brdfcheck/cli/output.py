@@ -1,0 +1,109 @@
+"""Where results go: stdout, files, a table for a person, a progress bar."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO
+
+from brdfcheck.messages import UsageError
+
+
+class Output:
+    """Where results go: a table for a person, plain lines for a file or a pipe, JSON alone on stdout for ``--json -``.
+
+    While it is open, whatever a user's code prints goes to stderr.
+    """
+
+    def __init__(self, json: str | None):
+        self._stdout = sys.stdout
+        self.human: TextIO = sys.stderr if json == "-" else sys.stdout
+        self.is_terminal = self.human.isatty()
+        self._console: Any = None
+
+    @property
+    def console(self) -> Any:
+        """The terminal, for tables."""
+        if self._console is None:
+            from rich.console import Console
+
+            self._console = Console(file=self.human, markup=False, highlight=False, emoji=False, soft_wrap=False)
+        return self._console
+
+    def line(self, text: str = "") -> None:
+        """One line for a person or for grep."""
+        self._write(self.human, text + "\n")
+
+    def stdout(self, text: str) -> None:
+        """Text for stdout, whoever reads it."""
+        self._write(self._stdout, text)
+
+    @staticmethod
+    def _write(stream: TextIO, text: str) -> None:
+        try:
+            with quiet_when_unread(stream):
+                stream.write(text)
+                stream.flush()
+        except OSError as error:
+            raise UsageError(f"cannot write to {stream.name}: {error.strerror or error}") from None
+
+    @contextlib.contextmanager
+    def progress(self, count: int) -> Iterator[Callable[[], None]]:
+        """A bar with the time left, on a terminal; gives what to call for each BRDF that is done."""
+        stream = next((stream for stream in (sys.stderr, self._stdout) if stream.isatty()), None)
+        if stream is None:
+            yield lambda: None
+            return
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            SpinnerColumn,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
+        bar: Progress = Progress(
+            SpinnerColumn(),
+            TextColumn("checking"),
+            BarColumn(bar_width=32),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("left"),
+            console=Console(file=stream),
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
+        with bar:
+            task = bar.add_task("", total=count)
+            yield lambda: bar.advance(task)
+
+
+@contextlib.contextmanager
+def quiet_when_unread(stream: TextIO) -> Iterator[None]:
+    """Where the reader has gone (``| head``), the work goes on and the output goes nowhere."""
+    try:
+        yield
+    except BrokenPipeError:
+        discard(stream)
+
+
+def discard(stream: TextIO) -> None:
+    """Let what is still to be written to a stream go nowhere, also what Python itself writes at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+
+
+def save(path: str, text: str, option: str) -> None:
+    from brdfcheck.records import write_atomically
+
+    try:
+        write_atomically(path, text)
+    except OSError as error:
+        raise UsageError(f"{option}: cannot write {path!r}: {error.strerror or error}") from None
