@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from brdfcheck.factors import PerCosine as PerCosine
     from brdfcheck.factors import PhongExact as PhongExact
     from brdfcheck.family import Family as Family
+    from brdfcheck.fit import FactorFit as FactorFit
+    from brdfcheck.fit import fit_factor as fit_factor
+    from brdfcheck.ladder import factor_ladder as factor_ladder
     from brdfcheck.lobes import BinomialPower as BinomialPower
     from brdfcheck.lobes import BlinnPhong as BlinnPhong
     from brdfcheck.lobes import KuijkBlake as KuijkBlake
@@ -43,6 +46,7 @@ _HOME = {
     "BlinnPhongExact": "factors",
     "CookTorrance": "microfacet",
     "Factor": "factors",
+    "FactorFit": "fit",
     "Family": "family",
     "Finding": "callables",
     "GGX": "microfacet",
@@ -59,6 +63,8 @@ _HOME = {
     "albedo": "directional",
     "albedo_table": "tables",
     "check": "verdict",
+    "factor_ladder": "ladder",
+    "fit_factor": "fit",
     "use_x64": "precision",
 }
 
@@ -70,6 +76,7 @@ __all__ = [
     "BlinnPhongExact",
     "CookTorrance",
     "Factor",
+    "FactorFit",
     "Family",
     "Finding",
     "KuijkBlake",
@@ -87,6 +94,8 @@ __all__ = [
     "albedo_table",
     "catalog",
     "check",
+    "factor_ladder",
+    "fit_factor",
     "use_x64",
 ]
 

@@ -20,6 +20,15 @@ from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe, as_parameter
 _TINY = 1e-18
 
 
+def _checked_positive(value: object, name: str) -> Array:
+    array = as_parameter(value)
+    if not isinstance(array, Tracer):
+        values = np.asarray(array)
+        if not np.all(np.isfinite(values) & (values > 0)):
+            raise ValueError(f"{name} must be finite and > 0; got {value}")
+    return array
+
+
 class AbstractFactor(eqx.Module):
     """What a lobe is multiplied by, in 1/sr, as a function of its exponent."""
 
@@ -36,16 +45,68 @@ class Factor(AbstractFactor):
     B: Float[Array, ""]
 
     def __init__(self, A: object, B: object):
-        self.A, self.B = as_parameter(A), as_parameter(B)
+        self.A, self.B = as_parameter(A), _checked_positive(B, "B")
         if not isinstance(self.A, Tracer) and not np.all(np.isfinite(np.asarray(self.A))):
             raise ValueError(f"A must be finite; got {A}")
-        if not isinstance(self.B, Tracer):
-            values = np.asarray(self.B)
-            if not np.all(np.isfinite(values) & (values > 0)):
-                raise ValueError(f"B must be finite and > 0; got {B}")
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + self.A) / self.B
+
+
+@final
+class Constant(AbstractFactor):
+    """The same factor for every exponent, in 1/sr. ValueError unless it is finite and > 0."""
+
+    value: Float[Array, ""]
+
+    def __init__(self, value: object):
+        self.value = _checked_positive(value, "the constant")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return jnp.broadcast_to(self.value, jnp.shape(n))
+
+
+@final
+class Proportional(AbstractFactor):
+    r"""The one-constant factor $n / B$. ValueError unless B is finite and > 0."""
+
+    B: Float[Array, ""]
+
+    def __init__(self, B: object):
+        self.B = _checked_positive(B, "B")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return n / self.B
+
+
+@final
+class RationalFactor(AbstractFactor):
+    r"""$\sum_i a_i n^i / \sum_j b_j n^j$, coefficients from the lowest power on.
+
+    ValueError where a coefficient is not finite or there is none.
+    """
+
+    numerator: Float[Array, " p"]
+    denominator: Float[Array, " q"]
+
+    def __init__(self, numerator: object, denominator: object):
+        self.numerator, self.denominator = as_parameter(numerator), as_parameter(denominator)
+        for name, part in (("numerator", self.numerator), ("denominator", self.denominator)):
+            if isinstance(part, Tracer):
+                continue
+            if part.ndim != 1 or not part.size or not np.all(np.isfinite(np.asarray(part))):
+                raise ValueError(f"{name} must be a non-empty list of finite coefficients; got {part}")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return _horner(self.numerator, n) / _horner(self.denominator, n)
+
+
+def _horner(coefficients: Array, n: Array) -> Array:
+    # The powers are the last axis, whatever a batch of factors puts before it.
+    value = coefficients[..., -1]
+    for power in range(coefficients.shape[-1] - 2, -1, -1):
+        value = value * n + coefficients[..., power]
+    return value
 
 
 @final

@@ -1,0 +1,74 @@
+"""Closed forms against the quadrature: the albedo at normal incidence is 1."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact, exact_factor
+from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
+from brdfcheck.tables import albedo_table
+
+LOBES = {
+    "phong": Phong,
+    "blinn-phong": BlinnPhong,
+    "schlick-mirror": Schlick,
+    "schlick-half": lambda n: Schlick(n, "half"),
+    "kuijk-blake-mirror": KuijkBlake,
+    "kuijk-blake-half": lambda n: KuijkBlake(n, "half"),
+    "lyon-1-half": lambda n: Lyon(n, 1),
+    "lyon-3-mirror": lambda n: Lyon(n, 3, "mirror"),
+    "binomial-4-half": lambda n: BinomialPower(n, 4),
+    "binomial-16-half": BinomialPower,
+    "binomial-16-mirror": lambda n: BinomialPower(n, form="mirror"),
+    "binomial-unclamped": lambda n: BinomialPower(n, clamped=False),
+}
+# Where formulas change: Schlick's antiderivative at 1/4 and 4, the first zeros at k and at k/(1 - 1/sqrt 2).
+N = np.array([0.0, 0.01, 0.25, 0.251, 1.0, 2.0, 3.999, 4.001, 7.9, 16.0, 16.001, 54.62, 54.64, 100.0, 1e3, 1e5, 1e7])
+
+
+@pytest.mark.parametrize("name", LOBES)
+def test_normal_incidence_reflects_one(name):
+    lobe = LOBES[name]
+    factor = exact_factor(lobe(1.0))
+    assert factor is not None
+    raw = np.asarray(albedo_table(lobe, N, [1.0]).value)[:, 0]
+    # Kuijk and Blake's antiderivatives cancel a little at large n.
+    np.testing.assert_allclose(np.asarray(factor(jnp.asarray(N))) * raw, 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", LOBES)
+def test_gradients_are_finite(name):
+    factor = exact_factor(LOBES[name](1.0))
+    slope = jax.vmap(jax.grad(lambda n: factor(n)))(jnp.asarray(N[1:]))
+    assert np.all(np.isfinite(np.asarray(slope)))
+
+
+def test_schlicks_formula():
+    """FACTS section 1: (2 pi/(n-1)) (A^2 ln n - A - 1/2) with A = n/(n-1)."""
+    n, a = 100.0, 100 / 99
+    albedo = 2 * np.pi / 99 * (a * a * np.log(n) - a - 0.5)
+    assert 1 / float(SchlickExact()(jnp.asarray(n))) == pytest.approx(albedo, rel=1e-14)
+
+
+def test_the_binomial_powers_formula():
+    """FACTS section 1, for n >= 54.63."""
+    n = 80.0
+    a = 16 / n
+    albedo = 128 * np.pi / n * (1 / 17 - 5 * a / 306 + 6 * a**2 / 2907 - 2 * a**3 / 19380)
+    assert 1 / float(TruncatedPowerExact(16)(jnp.asarray(n))) == pytest.approx(albedo, rel=1e-14)
+
+
+def test_lobes_without_a_closed_form():
+    assert exact_factor(Lambert()) is None
+    assert exact_factor(object()) is None
+
+
+def test_refusals():
+    for form in (SchlickExact, KuijkBlakeExact):
+        with pytest.raises(ValueError, match="form must be one of"):
+            form("diagonal")
+    with pytest.raises(ValueError, match="k must be at least 1; got 0"):
+        TruncatedPowerExact(0)

@@ -1,0 +1,273 @@
+"""Fitted factors: the optima of every lobe, over any range; certification; what is refused."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import brdfcheck
+from brdfcheck import catalog
+from brdfcheck.directional import albedo
+from brdfcheck.exact_factors import exact_factor
+from brdfcheck.factors import Factor, Normalized, RationalFactor
+from brdfcheck.family import Family
+from brdfcheck.fit import OBJECTIVES, RawAlbedo, certify, describe, fit_factor, fit_form, to_json_object
+from brdfcheck.lobes import BinomialPower, BlinnPhong, Phong
+from brdfcheck.minimax import spread
+from brdfcheck.verdict import Verdict
+
+# One entry for each lobe: the factors of entries are taken off.
+LOBES = [
+    "phong",
+    "blinn-phong",
+    "schlick-mirror",
+    "schlick-half",
+    "kuijk-blake-mirror",
+    "kuijk-blake-half",
+    "lyon-1-half",
+    "lyon-2-half",
+    "lyon-3-half",
+    "lyon-1-mirror",
+    "lyon-2-mirror",
+    "lyon-3-mirror",
+    "binomial-power-half",
+    "binomial-power-mirror",
+]
+
+
+@functools.cache
+def optimum(name: str, low: float, high: float) -> tuple[float, float, float]:
+    """A, B and the smallest albedo by one dense linear program on the closed form: no exchange, no quadrature."""
+    n = spread(low, high, 30_000)
+    brdf = catalog.entry(name).family.build(n=1.0)
+    lobe = brdf.lobe if isinstance(brdf, Normalized) else brdf
+    factor = exact_factor(lobe)
+    assert factor is not None
+    raw = 1 / np.asarray(factor(n))
+    column, ones = np.stack([n / high * raw, raw], axis=1), np.ones((n.size, 1))
+    rows = np.block([[column, 0 * ones], [-column, ones]])
+    result = linprog(
+        [0, 0, -1],
+        rows,
+        np.r_[ones[:, 0], 0 * ones[:, 0]],
+        bounds=(None, None),
+        method="highs-ds",
+        options={"primal_feasibility_tolerance": 1e-10},
+    )
+    x, y, smallest = result.x
+    return y / x * high, high / x, smallest
+
+
+@pytest.mark.parametrize("limits", [(1.0, 1000.0), (1.0, 1e5), (3.0, 50.0)])
+@pytest.mark.parametrize("name", LOBES)
+def test_minimax_is_the_optimum_of_the_linear_program(name, limits):
+    a, b, smallest = optimum(name, *limits)
+    fit = fit_factor(name, limits)
+    assert fit.smallest == pytest.approx(smallest, abs=2e-7)
+    assert float(fit.factor.A) == pytest.approx(a, rel=5e-6, abs=5e-6)
+    assert float(fit.factor.B) == pytest.approx(b, rel=5e-6)
+    assert fit.peak <= 1 + 1e-12
+    assert fit.verdict is Verdict.CONSERVES
+    assert fit.report.cos_theta == pytest.approx(1) or fit.peak < 1 + 1e-12
+
+
+def test_the_published_optima():
+    """FACTS: binomial power half 7.2427, 26.170, 0.9064; Blinn-Phong 7.8025, 26.716, 0.9424."""
+    for name, a, b, smallest in (("binomial-power-half", 7.2427, 26.170, 0.9064), ("blinn-phong", 7.8025, 26.716, 0.9424)):
+        fit = fit_factor(name)
+        assert float(fit.factor.A) == pytest.approx(a, abs=5e-5)
+        assert float(fit.factor.B) == pytest.approx(b, abs=5e-4)
+        assert fit.smallest == pytest.approx(smallest, abs=5e-5)
+        assert fit.objective == "minimax"
+        assert fit.n == (1, 1000)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_every_result_conserves_and_touches_the_line(objective):
+    for target in ("binomial-power-raw", "schlick-half", BlinnPhong):
+        fit = fit_factor(target, (1, 500), objective)
+        assert fit.verdict is Verdict.CONSERVES
+        assert fit.report.passed
+        assert 1 - 1e-9 < fit.peak <= 1 + 1e-12
+        # The place of the peak is where an independent call finds it.
+        lobe = catalog.entry(target).family.build(n=fit.at["n"]) if isinstance(target, str) else target(fit.at["n"])
+        raw = lobe.lobe if isinstance(lobe, Normalized) else lobe
+        value = albedo(Normalized(raw, fit.factor), fit.at["cos_theta"])
+        assert float(value.value) == pytest.approx(fit.peak, abs=1e-11)
+        assert fit.history[-1].factor is fit.factor
+        assert fit.history[-1].peak == fit.peak
+
+
+def test_smallest_is_the_continuous_minimum():
+    fit = fit_factor("schlick-mirror")
+    n = np.sort(np.concatenate([spread(1, 1000, 20_001), fit.smallest_n * (1 + np.linspace(-1e-3, 1e-3, 2001))]))
+    table = brdfcheck.albedo_table(lambda n: Normalized(brdfcheck.Schlick(n), fit.factor), n, [1.0])
+    assert fit.smallest == pytest.approx(float(np.min(table.value)), abs=1e-10)
+    assert n[int(np.argmin(table.value))] == pytest.approx(fit.smallest_n, rel=1e-3)
+
+
+@pytest.mark.parametrize("objective", ["least-squares", "reciprocal"])
+def test_least_squares_against_the_normal_equations(objective):
+    n = np.arange(1.0, 301.0)
+    raw = 8 * np.pi * (2 ** (-n / 2) + n) / ((n + 2) * (n + 4))
+    if objective == "least-squares":
+        (x, y), *_ = np.linalg.lstsq(np.stack([n * raw, raw], axis=1), np.ones(n.size), rcond=None)
+    else:
+        (x, y), *_ = np.linalg.lstsq(np.stack([n, np.ones(n.size)], axis=1), 1 / raw, rcond=None)
+    fit = fit_factor(BlinnPhong, (1, 300), objective, sampling="integers")
+    assert float(fit.fitted.A) == pytest.approx(y / x, rel=1e-8)
+    assert float(fit.fitted.B) == pytest.approx(1 / x, rel=1e-9)
+    # Unconstrained least squares overshoots; B is enlarged by just that, and A stays.
+    assert fit.history[0].peak > 1.001
+    assert float(fit.factor.A) == pytest.approx(float(fit.fitted.A), rel=1e-12)
+    assert float(fit.factor.B) == pytest.approx(float(fit.fitted.B) * fit.history[0].peak, rel=1e-9)
+
+
+def test_the_seeds_constants_are_nearly_a_certified_least_squares_fit():
+    """Least squares over the integers 1 to 1000, enlarged until it conserves, gives 5.992 and 24.581: the seed has (6, 24.55)."""
+    fit = fit_factor("binomial-power-raw", (1, 1000), "least-squares", sampling="integers")
+    assert float(fit.factor.A) == pytest.approx(5.992, abs=5e-4)
+    assert float(fit.factor.B) == pytest.approx(24.581, abs=5e-4)
+    assert fit.history[0].peak == pytest.approx(1.03366, abs=5e-5)
+
+
+def test_an_exact_factor_is_found_and_left_alone():
+    for objective in OBJECTIVES:
+        fit = fit_factor(Phong, (1, 1e5), objective)
+        assert float(fit.factor.A) == pytest.approx(2, abs=1e-6)
+        assert float(fit.factor.B) == pytest.approx(2 * np.pi, rel=1e-9)
+        assert fit.smallest == pytest.approx(1, abs=1e-8)
+        assert not fit.remark
+
+
+def test_the_worst_angle_joins_the_program():
+    """Divided by N.L the albedo is largest at 89 degrees: normal incidence alone would be wrong by a factor of 18.7."""
+    fit = fit_factor("phong-classical")
+    assert fit.verdict is Verdict.CONSERVES
+    assert fit.at["cos_theta"] == pytest.approx(np.cos(np.radians(89)))
+    assert float(fit.factor.B) == pytest.approx(2 * np.pi * 18.74, rel=1e-3)
+    assert "89 degrees the lobe reflects 18.74 times" in fit.remark
+
+
+def test_waste_is_said_and_explained():
+    fit = fit_factor("schlick-mirror", (1, 1e5))
+    assert fit.smallest == pytest.approx(0.4094, abs=5e-5)
+    assert "even the best factor of this form reflects only 0.4094" in fit.remark
+    # d(n E)/d ln n tends to 2 pi.
+    assert "grows like 6.281 ln n" in fit.remark
+    assert "stops getting narrower" in fit_factor("kuijk-blake-mirror", (1, 1e5)).remark
+    assert not fit_factor("schlick-mirror", (1, 30)).remark
+
+
+def test_a_lobe_that_explodes_still_gets_a_conserving_factor():
+    fit = fit_factor("binomial-power-unclamped")
+    assert fit.verdict is Verdict.CONSERVES
+    assert fit.smallest < 1e-20
+    assert "90 degrees" in fit.remark
+
+
+def test_one_exponent_and_zero():
+    for low, high in ((10.0, 10.0), (0.0, 0.0), (0.0, 20.0)):
+        fit = fit_factor(BlinnPhong, (low, high))
+        assert fit.verdict is Verdict.CONSERVES
+        assert fit.peak == pytest.approx(1, abs=1e-9)
+        if low == high:
+            assert fit.smallest == pytest.approx(1, abs=1e-9)
+
+
+def test_users_families():
+    def glossy(n, ks):
+        return Normalized(Phong(n), Factor(2.0, 2 * np.pi / ks))
+
+    def function(n):
+        def f(wi, wo):
+            cosine = np.maximum(wi[..., 2] * wo[..., 2] - wi[..., 0] * wo[..., 0] - wi[..., 1] * wo[..., 1], 0)
+            return cosine**n
+
+        return f
+
+    fit = fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0.5, 0.5)}), (1, 100))
+    assert float(fit.factor.B) == pytest.approx(2 * np.pi, rel=1e-9)
+    with pytest.raises(ValueError, match="hold ks at one value, not 0:1"):
+        fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0, 1)}))
+    slow = fit_factor(function, (1, 4))
+    assert float(slow.factor.A) == pytest.approx(2, rel=1e-3)
+    assert slow.verdict is Verdict.CONSERVES
+
+
+def test_works_in_single_precision_too():
+    import subprocess
+    import sys
+
+    code = "import brdfcheck; f = brdfcheck.fit_factor('blinn-phong'); print(f'{float(f.factor.A):.4f} {f.verdict.name}')"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["7.8025", "CONSERVES"]
+
+
+def test_other_forms():
+    raw = RawAlbedo("binomial-power-half", (1, 1000))
+    smallest = []
+    for degrees in ((0, 0), (1, 0, 1), (1, 0), (2, 1), (3, 2)):
+        fit = fit_form(raw, degrees)
+        assert fit.verdict is Verdict.CONSERVES
+        smallest.append(fit.smallest)
+    assert np.all(np.diff(smallest) > 0)
+    assert smallest[3] == pytest.approx(0.99476, abs=5e-5)
+    assert isinstance(fit.factor, RationalFactor)
+
+
+def test_certify_enlarges_b_by_the_peak():
+    raw = RawAlbedo(BinomialPower, (1, 1000))
+    factor, report = certify(raw, Factor(6.0, 24.55))
+    assert float(factor.A) == 6
+    assert float(factor.B) == pytest.approx(24.5893, abs=5e-5)  # FACTS: the smallest safe B for A = 6
+    assert report.verdict is Verdict.CONSERVES
+    kept, _ = certify(raw, Factor(6.0, 30.0))
+    assert float(kept.B) == 30
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("lambert",), "lambert has no exponent n to normalise over; it has reflectance"),
+        (("cook-torrance",), "has no exponent n"),
+        (("phong", (10, 1)), "0 <= LO <= HI; got 10:1"),
+        (("phong", (-1, 1)), "got -1:1"),
+        (("phong", (1, np.inf)), "got 1:inf"),
+        (("phong", (np.nan, 1)), "got nan:1"),
+        (("phong", 5), "must be two numbers"),
+        (("phong", (1, 10), "best"), "objective must be one of minimax, least-squares, reciprocal; got 'best'"),
+    ],
+)
+def test_bad_arguments(arguments, message):
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        fit_factor(*arguments)
+
+
+def test_bad_samplings():
+    with pytest.raises(ValueError, match="sampling must be one of"):
+        fit_factor("phong", sampling="random")
+    with pytest.raises(ValueError, match="samples must be a whole number, at least 2; got 1"):
+        fit_factor("phong", objective="least-squares", samples=1)
+    with pytest.raises(ValueError, match="fewer than two integers"):
+        fit_factor("phong", (1.2, 1.8), "reciprocal", sampling="integers")
+    with pytest.raises(KeyError, match="unknown BRDF"):
+        fit_factor("blin-phong")
+    with pytest.raises(TypeError):
+        fit_factor(3.5)
+
+
+def test_formulas_and_json():
+    import json
+
+    assert describe(Factor(6.0, 24.55)) == "(n + 6)/24.55"
+    assert describe(Factor(-6.0, 24.55)) == "(n - 6)/24.55"
+    assert describe(RationalFactor([1.0, -2.0, 3.0], [1.0, 0.5])) == "(3 n^2 - 2 n + 1)/(0.5 n + 1)"
+    fit = fit_factor("phong", (1, 10), "reciprocal")
+    record = json.loads(json.dumps(to_json_object(fit)))
+    assert record["factor"]["form"] == "Factor"
+    assert record["factor"]["A"] == pytest.approx(2)
+    assert len(record["history"]) == len(fit.history)
