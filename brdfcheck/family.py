@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice, product
 from typing import Any
 
 
@@ -32,3 +33,32 @@ class Family:
                 raise ValueError(f"the range of {name} is empty: {low:g} > {high:g}")
         if not 0 <= self.cos_theta[0] <= self.cos_theta[1] <= 1:
             raise ValueError(f"cos_theta must run within 0:1; got {self.cos_theta[0]:g}:{self.cos_theta[1]:g}")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a family cannot be built at a corner of its box. `ours`: one of this package's classes refused the values."""
+
+    parameters: Mapping[str, float]
+    error: BaseException
+    ours: bool
+
+
+# Modules that call a family's factory: what goes wrong in the call itself is no refusal of a lobe.
+_CALLERS = frozenset(("brdfcheck.family", "brdfcheck.user_brdf"))
+
+
+def refusal(family: Family) -> Refusal | None:
+    """Build the family at the corners of its box: a lobe's own checks see numbers there, and tracers later."""
+    corners = product(*(sorted(set(bounds)) for bounds in family.ranges.values()))
+    for corner in islice(corners, 64):
+        parameters = dict(zip(family.ranges, corner, strict=True))
+        try:
+            family.build(**parameters)
+        except (Exception, SystemExit) as error:
+            last = error.__traceback__
+            while last is not None and last.tb_next is not None:
+                last = last.tb_next
+            module = "" if last is None else str(last.tb_frame.f_globals.get("__name__", ""))
+            return Refusal(parameters, error, module.startswith("brdfcheck.") and module not in _CALLERS)
+    return None

@@ -17,14 +17,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any
 
 from brdfcheck.messages import UsageError, one_line
 
 Range = tuple[float, float]
 
-_PACKAGE = Path(__file__).resolve().parent
 _count = itertools.count(1)
 # Names under which people pass the two directions; anything else that has no default is a parameter.
 _DIRECTIONS = frozenset(("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incoming", "outgoing", "light", "view", "l", "v"))
@@ -352,32 +351,19 @@ def _line_of(value: Any) -> int | None:
 
 
 def _refusal(family: Any, fixed: Mapping[str, float], *, user: bool) -> str | None:
-    """Build the BRDF at the corners of its box: a lobe's own checks see numbers there, and tracers later.
+    """UsageError where one of this package's classes refuses a corner of the box; the finding where a user's code raises."""
+    from brdfcheck.family import refusal
 
-    UsageError where one of this package's classes refuses the values; the finding where a user's code raises.
-    """
-    bounds = [sorted(set(interval)) for interval in family.ranges.values()]
-    for corner in itertools.islice(itertools.product(*bounds), 64):
-        parameters = dict(zip(family.ranges, corner, strict=True))
-        try:
-            family.build(**parameters)
-        except (Exception, SystemExit) as error:
-            shown = ", ".join(f"{name}={value:g}" for name, value in {**parameters, **fixed}.items())
-            ours = _raised_in_package(error.__traceback__)
-            if shown and isinstance(error, (TypeError, ValueError)) and (ours or not user):
-                raise UsageError(f"{family.name} at {shown}: {one_line(error)}") from None
-            if not user:
-                raise
-            return f"{family.build.__name__}({shown}) raised {type(error).__name__}: {one_line(error)}"
-    return None
-
-
-def _raised_in_package(traceback: TracebackType | None) -> bool:
-    last = None
-    while traceback is not None:
-        last, traceback = traceback.tb_frame.f_code.co_filename, traceback.tb_next
-    # This module calls the user's code; a TypeError of that call itself is not a refusal of a lobe.
-    return last is not None and Path(last).parent == _PACKAGE and last != __file__
+    refused = refusal(family)
+    if refused is None:
+        return None
+    error = refused.error
+    shown = ", ".join(f"{name}={value:g}" for name, value in {**refused.parameters, **fixed}.items())
+    if shown and isinstance(error, (TypeError, ValueError)) and (refused.ours or not user):
+        raise UsageError(f"{family.name} at {shown}: {one_line(error)}") from None
+    if not user:
+        raise error
+    return f"{family.build.__name__}({shown}) raised {type(error).__name__}: {one_line(error)}"
 
 
 def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:

@@ -7,7 +7,6 @@ import inspect
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +20,7 @@ from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.callables import Finding, constant, name_of
 from brdfcheck.directional import refuse_batched
 from brdfcheck.factors import Normalized, PerCosine
-from brdfcheck.family import Family
+from brdfcheck.family import Family, refusal
 from brdfcheck.pointwise import PointwiseAlbedo
 from brdfcheck.side_checks import SideChecks, side_checks
 from brdfcheck.supremum import Supremum, supremum
@@ -158,25 +157,6 @@ def _varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., Abstrac
     return build
 
 
-def _refuse_corners(family: Family) -> None:
-    """Build the family at the corners of its box: a lobe of ours says there what is outside its domain (ValueError)."""
-    for corner in product(*family.ranges.values()):
-        try:
-            family.build(**dict(zip(family.ranges, corner, strict=True)))
-        except ValueError as error:
-            if _from_this_package(error):
-                raise
-        except Exception:  # a defect of a user's factory, which is a finding
-            return
-
-
-def _from_this_package(error: BaseException) -> bool:
-    last = error.__traceback__
-    while last is not None and last.tb_next is not None:
-        last = last.tb_next
-    return last is not None and str(last.tb_frame.f_globals.get("__name__", "")).startswith("brdfcheck.")
-
-
 def _parameter_names(target: Callable[..., Any]) -> list[str] | None:
     """Names of the arguments, or None where they cannot be known or are open-ended."""
     try:
@@ -224,7 +204,10 @@ def check(
     if rtol is not None and not (isinstance(rtol, (int, float)) and 0 < rtol < 1):
         raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
     family = as_family(target, ranges, cos_theta)
-    _refuse_corners(family)
+    refused = refusal(family)
+    # A defect of a user's factory is a finding, not a wrong argument.
+    if refused is not None and refused.ours and isinstance(refused.error, ValueError):
+        raise refused.error
     return check_family(family, tolerance=tolerance, rtol=rtol, intervals=intervals)
 
 

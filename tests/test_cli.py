@@ -19,7 +19,8 @@ from rich.console import Console
 
 import brdfcheck
 from brdfcheck import catalog, cli, console
-from brdfcheck.cli import ExitCode, output
+from brdfcheck.cli import ExitCode, listing, output
+from brdfcheck.cli import process as running
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 
@@ -149,7 +150,7 @@ def test_2_where_interrupted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "_run_list", interrupt)
+    monkeypatch.setattr(listing, "_run_list", interrupt)
     assert run("list") == (ExitCode.INTERRUPTED, "", "brdfcheck: interrupted\n")
 
 
@@ -351,7 +352,7 @@ def test_list_names_everything(run: Run, tmp_path: Path) -> None:
 # --- help and version ---
 
 
-@pytest.mark.parametrize("words", [(), ("check",), ("audit",), ("list",)])
+@pytest.mark.parametrize("words", [(), ("check",), ("audit",), ("list",), ("fit",), ("sweep",), ("plot",), ("study",)])
 @pytest.mark.parametrize("option", ["--help", "-h"])
 def test_help_has_examples(run: Run, words: tuple[str, ...], option: str) -> None:
     code, out, _ = run(*words, option)
@@ -377,7 +378,7 @@ def test_main_is_the_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     assert cli.main() == 0
     ended: list[int] = []
     monkeypatch.setattr(os, "_exit", ended.append)
-    monkeypatch.setattr(cli, "run", lambda _: ExitCode.INTERRUPTED)
+    monkeypatch.setattr(running, "run", lambda _: ExitCode.INTERRUPTED)
     cli.script()
     assert ended == [ExitCode.INTERRUPTED]
     assert brdfcheck.__version__ in capsys.readouterr().out

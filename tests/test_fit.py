@@ -127,7 +127,7 @@ def test_least_squares_against_the_normal_equations(objective):
 
 
 def test_the_seeds_constants_are_nearly_a_certified_least_squares_fit():
-    """Least squares over the integers 1 to 1000, enlarged until it conserves, gives 5.992 and 24.581: the seed has (6, 24.55)."""
+    """Least squares over the integers 1 to 1000, enlarged until it conserves: (5.992, 24.581); the seed has (6, 24.55)."""
     fit = fit_factor("binomial-power-raw", (1, 1000), "least-squares", sampling="integers")
     assert float(fit.factor.A) == pytest.approx(5.992, abs=5e-4)
     assert float(fit.factor.B) == pytest.approx(24.581, abs=5e-4)
