@@ -63,10 +63,11 @@ class FactorFit:
     `peak` +- `peak_error` is the largest albedo over the range of n and all angles, `at` says where (n, cos_theta).
     `smallest` is the smallest albedo at normal incidence, at the exponent `smallest_n`. `history`: the steps of the fit.
     `report`: the verdict of `check`. `remark`: why the factor wastes much of the light; empty where it does not. `fitted`
-    is the factor before it was certified.
+    is the factor before it was certified, `family` the family with the factor on it.
     """
 
     name: str
+    family: Family
     factor: AbstractFactor
     peak: float
     peak_error: float
@@ -390,6 +391,7 @@ def _result(
     }
     return FactorFit(
         name=raw.name,
+        family=raw.with_factor(factor),
         factor=factor,
         peak=report.albedo,
         peak_error=report.error,

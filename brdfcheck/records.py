@@ -120,7 +120,7 @@ def from_json_object(record: Mapping[str, Any]) -> Report:
 def versions() -> dict[str, str]:
     """The versions that a result may depend on."""
     found = {"brdfcheck": brdfcheck.__version__, "python": platform.python_version()}
-    for package in ("jax", "jaxlib", "numpy", "equinox"):
+    for package in ("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix"):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
@@ -290,16 +290,17 @@ def _temporary(folder: Path) -> Path:
     return folder / f".brdfcheck-{os.getpid()}-{next(_count)}.tmp"
 
 
-def write_atomically(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` to `path` as a whole or not at all: a reader never sees half a file. OSError where that fails."""
+def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write `content` to `path` as a whole or not at all: a reader never sees half a file. OSError where that fails."""
     target = Path(os.path.realpath(path))
+    data = content.encode("utf-8") if isinstance(content, str) else content
     if target.exists() and not target.is_file():  # a device or a pipe cannot be replaced
-        target.write_text(text, encoding="utf-8")
+        target.write_bytes(data)
         return
     temporary = _temporary(target.parent)
     try:
-        with open(temporary, "x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with open(temporary, "xb") as stream:
+            stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
         if target.exists():

@@ -1,0 +1,199 @@
+"""``brdfcheck fit``: what it prints and writes, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brdfcheck import catalog, cli
+from brdfcheck.cli import ExitCode
+from brdfcheck.factors import Factor, Normalized
+from brdfcheck.verdict import Verdict, check
+
+Run = Callable[..., tuple[int, str, str]]
+
+MINE = """
+    import numpy as np
+    from brdfcheck import Phong
+
+    def glossy(n, ks):
+        return lambda wi, wo: ks * Phong(n)(wi, wo)
+
+    def plain(n):
+        return Phong(n)
+
+    def raises(n):
+        raise RuntimeError("boom")
+
+    def negative(n):
+        return lambda wi, wo: -1.0 + 0 * wi[..., 2]
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path = tmp_path / "mine.py"
+    path.write_text(textwrap.dedent(MINE))
+    return str(path)
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = cli.run(arguments)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_plain_text(run: Run) -> None:
+    code, out, err = run("fit", "binomial-power-half")
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert "factor (n + 7.24267604)/26.17000503  (minimax over n=1:1000)" in out
+    assert "smallest  albedo 0.9063806983  at n=1, normal incidence" in out
+    assert "verdict   CONSERVES over all angles" in out
+
+
+@pytest.mark.parametrize("name", ["binomial-power-half", "schlick-mirror", "lyon-1-mirror", "phong"])
+def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
+    found = re.search(r"A = (-?[\d.]+), B = ([\d.]+)", run("fit", name)[1])
+    assert found
+    a, b = float(found[1]), float(found[2])
+    brdf = catalog.entry(name).family.build(n=1.0)
+
+    def build(n):
+        lobe = catalog.entry(name).family.build(n=n)
+        return Normalized(lobe.lobe, Factor(a, b))
+
+    assert isinstance(brdf, Normalized)
+    report = check(build, n=(1, 1000))
+    assert report.verdict is Verdict.CONSERVES
+    assert report.albedo > 1 - 1e-4
+
+
+def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "fit.json"
+    code, _, _ = run("fit", "blinn-phong", "--n", "1:100", "--objective", "reciprocal", "--ladder", "--json", str(path))
+    record = json.loads(path.read_text())
+    assert code == ExitCode.PASSED
+    assert record["command"] == "fit"
+    assert record["settings"]["objective"] == "reciprocal"
+    (result,) = record["results"]
+    assert result["report"]["verdict"] == "CONSERVES"
+    assert result["factor"]["form"] == "Factor"
+    assert result["fitted"]["B"] < result["factor"]["B"]
+    assert [rung["form"] for rung in result["ladder"]][-1] == "closed form"
+    assert record["versions"]["optimistix"]
+
+
+def test_json_alone_on_stdout(run: Run) -> None:
+    code, out, err = run("fit", "phong", "--n", "1:10", "--json", "-")
+    assert code == ExitCode.PASSED
+    assert json.loads(out)["results"][0]["factor"]["A"] == pytest.approx(2)
+    assert "CONSERVES" in err
+
+
+@pytest.mark.parametrize("kind", ["glsl", "c", "csv", "npy", "exr"])
+def test_exports(run: Run, tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"table.{kind}"
+    code, out, _ = run("fit", "lyon-2-half", "--n", "1:200", "--export", kind, str(path))
+    assert code == ExitCode.PASSED
+    assert f"exported  {path}" in out
+    if kind in ("glsl", "c"):
+        text = path.read_text()
+        assert "brdfcheck fit lyon-2-half --n 1:200 --objective minimax" in text
+        assert "lyon_2_half_factor" in text
+        assert "lyon_2_half_albedo" in text
+    if kind == "csv":
+        table = np.loadtxt(path, delimiter=",")
+        assert table.shape == (64, 65)
+        assert np.all(table[:, 1:] <= 1)
+    if kind == "npy":
+        metadata = json.loads(Path(f"{path}.json").read_text())
+        assert metadata["command"] == "brdfcheck fit lyon-2-half --n 1:200 --objective minimax"
+        assert np.load(path).shape == (64, 64)
+
+
+def test_source_text_on_stdout(run: Run) -> None:
+    code, out, err = run("fit", "phong", "--n", "1:100", "--export", "glsl", "-")
+    assert code == ExitCode.PASSED
+    assert out.startswith("//")
+    assert "exported  stdout" in err
+
+
+def test_your_own_lobe(run: Run, mine: str) -> None:
+    code, out, _ = run("fit", f"{mine}:plain", "--n", "1:50")
+    assert code == ExitCode.PASSED
+    assert "factor (n + 2)/6.283185307" in out
+    code, out, _ = run("fit", f"{mine}:glossy", "--n", "1:3", "--over", "ks=0.5")
+    assert code == ExitCode.PASSED
+    assert "factor (n + 2)/3.141592654" in out
+    code, out, _ = run("fit", f"{mine}:negative", "--n", "1:3")
+    assert code == ExitCode.USAGE_ERROR
+
+
+def test_least_squares_says_that_b_was_enlarged(run: Run) -> None:
+    _, out, _ = run("fit", "binomial-power-raw", "--objective", "least-squares", "--sampling", "integers")
+    assert "as fitted (n + 5.992119078)/23.78081092  reaches 1.0336561323: B was enlarged until it conserves" in out
+    assert "factor (n + 5.992119078)/24.58118104" in out
+
+
+def test_waste_is_remarked(run: Run) -> None:
+    assert "grows like 6.281 ln n" in run("fit", "schlick-mirror", "--n", "1:100000")[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("lambert",), "lambert has no exponent n to normalise over; it has reflectance"),
+        (("ggx",), "ggx has no exponent n"),
+        (("phon",), "unknown BRDF 'phon'; did you mean phong"),
+        (("phong", "--n", "5:1"), "--n 5:1: LO must not exceed HI"),
+        (("phong", "--n", "-1:1"), "--n -1:1: exponents must be >= 0"),
+        (("phong", "--n", "a:b"), "--n a:b: 'a' is not a number"),
+        (("phong", "--n", "1:inf"), "must be finite"),
+        (("phong", "--objective", "best"), "--objective: must be one of minimax, least-squares, reciprocal; got 'best'"),
+        (("phong", "--sampling", "random"), "--sampling: must be one of"),
+        (("phong", "--over", "n=3"), "the exponents are given with --n"),
+        (("phong", "--over", "k=3"), "has no parameter 'k'"),
+        (("phong", "--export", "png", "x.png"), "--export: must be one of glsl, c, csv, npy, exr; got 'png'"),
+        (("phong", "--export", "exr", "-"), "needs a file name"),
+        (("phong", "--export", "c"), "requires 2 arguments"),
+        (("phong", "--export", "c", "/nonexistent/a.c"), "--export: cannot write '/nonexistent/a.c'"),
+        (("phong", "--export", "c", "-", "--json", "-"), "cannot both write to stdout"),
+        (("phong", "--json", "/nonexistent/a.json"), "--json: cannot write"),
+        ((), "Missing argument 'NAME'"),
+    ],
+)
+def test_usage_errors(run: Run, words: tuple[str, ...], message: str) -> None:
+    code, out, err = run("fit", *words)
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_family_with_free_parameters_is_refused(run: Run, mine: str) -> None:
+    code, _, err = run("fit", f"{mine}:glossy", "--over", "ks=0:1")
+    assert code == ExitCode.USAGE_ERROR
+    assert "hold ks at one value" in err
+    code, _, err = run("fit", f"{mine}:glossy")
+    assert code == ExitCode.USAGE_ERROR
+    assert "ks must be given" in err
+    code, _, err = run("fit", f"{mine}:raises")
+    assert code == ExitCode.USAGE_ERROR
+    assert "boom" in err
+
+
+def test_the_lobe_is_the_catalogues(run: Run) -> None:
+    """The factor that an entry carries is taken off: three entries of one lobe give one fit."""
+    lines = {run("fit", name)[1].splitlines()[0].split("  ")[1] for name in ("binomial-power-half", "binomial-power-raw")}
+    assert len(lines) == 1
