@@ -100,10 +100,10 @@ def discard(stream: TextIO) -> None:
         os.close(nowhere)
 
 
-def save(path: str, text: str, option: str) -> None:
+def save(path: str, content: str | bytes, option: str) -> None:
     from brdfcheck.records import write_atomically
 
     try:
-        write_atomically(path, text)
+        write_atomically(path, content)
     except OSError as error:
         raise UsageError(f"{option}: cannot write {path!r}: {error.strerror or error}") from None

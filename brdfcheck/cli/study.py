@@ -1,0 +1,123 @@
+"""``brdfcheck study``: questions answered by a run, a figure and a page of numbers."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from brdfcheck.cli.app import Debug, ExitCode, NothingToCheck, Task, app, start
+from brdfcheck.cli.output import Output
+from brdfcheck.messages import UsageError, one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.studies import Study
+
+_SIZES = ("small", "full")
+
+
+@app.command(
+    "study",
+    epilog="""\b
+Examples:
+  brdfcheck study list
+  brdfcheck study raw_albedo
+  brdfcheck study all --size small --out /tmp/reports
+
+Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
+FOLDER/README.md. The full sizes take less than two minutes each on two cores.""",
+)
+def _study(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="list|all|NAME...", help="Which studies to run.", show_default=False)
+    ] = None,
+    size: Annotated[
+        str, typer.Option(metavar="small|full", help="How much to compute: small is a matter of seconds.")
+    ] = "full",
+    out: Annotated[str, typer.Option("--out", metavar="FOLDER", help="Where the reports go.")] = "reports",
+    debug: Debug = False,
+) -> Task:
+    """Run a study: a question, its figure and its numbers."""
+    return Task(lambda: _run_study(tuple(names or ()), size, out, debug), debug)
+
+
+def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
+    if size not in _SIZES:
+        raise UsageError(f"--size: must be small or full; got {one_line(size)!r}")
+    if not names:
+        raise UsageError("say which study: a name, all, or list (brdfcheck study list)")
+    if len(names) > 1 and {"list", "all"} & set(names):
+        raise UsageError("list and all stand alone: give either one of them or names of studies")
+    from brdfcheck import studies
+
+    known = studies.find()
+    output = Output(None)
+    if names == ("list",):
+        return _list(known, output)
+    if not known:
+        raise NothingToCheck("this installation has no studies; they are in the repository's folder studies/")
+    chosen = list(known.values()) if names == ("all",) else [_named(name, known) for name in dict.fromkeys(names)]
+    reports = Path(out)
+    _refuse_folder(reports, out)
+    start()
+    failed = []
+    for study in chosen:
+        began = time.perf_counter()
+        try:
+            with contextlib.redirect_stdout(sys.stderr):
+                place = studies.write_report(study, studies.record_of(study, size), reports)
+        except OSError as error:
+            raise UsageError(f"--out: cannot write to {out!r}: {error.strerror or one_line(error)}") from None
+        except Exception as error:
+            if debug:
+                traceback.print_exc()
+            if len(chosen) == 1:
+                raise
+            failed.append(study.name)
+            output.line(f"{study.name}  failed: {type(error).__name__}: {one_line(error)}")
+            continue
+        output.line(f"{study.name}  {time.perf_counter() - began:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
+    try:
+        output.line(f"wrote {studies.write_gallery(reports)}")
+    except OSError as error:
+        raise UsageError(f"--out: cannot write to {out!r}: {error.strerror or one_line(error)}") from None
+    return ExitCode.FAILED if failed else ExitCode.PASSED
+
+
+def _list(known: dict[str, Study], output: Output) -> int:
+    if not known:
+        raise NothingToCheck("this installation has no studies; they are in the repository's folder studies/")
+    width = max(map(len, known))
+    for study in known.values():
+        output.line(f"{study.name:<{width}}  {study.question}  {study.answer}")
+    return ExitCode.PASSED
+
+
+def _named(name: str, known: dict[str, Study]) -> Study:
+    if name in known:
+        return known[name]
+    near = difflib.get_close_matches(name.replace("-", "_"), known, n=2, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"the studies are {', '.join(known)}"
+    raise UsageError(f"unknown study {one_line(name)!r}; {hint}")
+
+
+def _refuse_folder(reports: Path, out: str) -> None:
+    """UsageError where the folder of reports cannot be made or written to."""
+    import os
+
+    place = reports
+    if not out.strip():
+        raise UsageError("--out: the folder's name is empty")
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir():
+        raise UsageError(f"--out: {place} is not a folder")
+    if not os.access(place, os.W_OK):
+        raise UsageError(f"--out: cannot write to {str(place)!r}: the folder is not writable")

@@ -1,0 +1,102 @@
+"""Figures from records: nothing is computed here, and what computes (JAX) is never imported.
+
+`figure` makes a matplotlib Figure of the curves of `brdfcheck.curves`, `save` writes it. One record gives the same bytes
+in every process. Figures do not belong to pyplot: nothing global changes, nothing has to be closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+KINDS = ("albedo-vs-n", "albedo-vs-angle", "heatmap", "factor")
+FORMATS = (".svg", ".png", ".pdf")
+_DPI = 200
+# Dates and versions would change the bytes of an unchanged figure.
+_METADATA = {
+    ".svg": {"Date": None, "Creator": None},
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+def figure(
+    kind: str,
+    curves: Sequence[Mapping[str, Any]],
+    *,
+    scale: str | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str | None = None,
+) -> Figure:
+    """The figure of `kind` (one of `KINDS`) with these curves, all of that kind.
+
+    `scale`: ``"log"`` or ``"linear"`` parameter axis; by default logarithmic where the range is long and starts above 0.
+    `limits`: (bottom, top) of the albedo axis; by default it holds the curves but ends at 6, and says so.
+    ValueError where the curves do not fit into one figure: different parameters, a logarithmic axis through 0, none at all.
+    """
+    from brdfcheck.plots import angle, exponent, factor, heatmap
+
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}; got {kind!r}")
+    if not curves:
+        raise ValueError("there is no curve to plot")
+    wrong = [curve["name"] for curve in curves if curve["kind"] != kind]
+    if wrong:
+        raise ValueError(f"{wrong[0]} is not a curve of the kind {kind}")
+    if scale not in (None, "log", "linear"):
+        raise ValueError(f"scale must be log or linear; got {scale!r}")
+    draw: Callable[..., Figure] = {
+        "albedo-vs-n": exponent.figure,
+        "albedo-vs-angle": angle.figure,
+        "heatmap": heatmap.figure,
+        "factor": factor.figure,
+    }[kind]
+    return draw(curves, scale=scale, limits=limits, title=title)
+
+
+def to_bytes(figure: Figure, suffix: str) -> bytes:
+    """The figure as a file of the format `suffix`, one of `FORMATS`. The same bytes each time."""
+    import io
+
+    if suffix not in FORMATS:
+        raise ValueError(f"the suffix must be one of {', '.join(FORMATS)}; got {suffix!r}")
+    stream = io.BytesIO()
+    with house_style():
+        figure.savefig(stream, format=suffix[1:], dpi=_DPI, metadata=_METADATA[suffix])
+    return stream.getvalue()
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write the figure whole or not at all, in the format of the suffix. OSError where it cannot be written."""
+    from brdfcheck.records import write_atomically
+
+    write_atomically(path, to_bytes(figure, Path(path).suffix.lower()))
+
+
+# What a figure of one's own needs to look like the others. From here, not from `paper`, so that the import stays cheap.
+
+
+def house_style() -> AbstractContextManager[None]:
+    """The house's settings of matplotlib within a ``with`` block."""
+    from brdfcheck.plots import paper
+
+    return paper.house_style()
+
+
+def empty(width: float, height: float) -> Figure:
+    """A figure without axes, in inches, that belongs to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height))
+
+
+def text_of(value: float, digits: int = 5) -> str:
+    """A number as one writes it: 14.303, 1000, 6.7·10²⁸."""
+    from brdfcheck.plots import paper
+
+    return paper.text_of(value, digits)

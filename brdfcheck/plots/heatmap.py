@@ -1,0 +1,153 @@
+"""Albedo over a parameter and the cosine of incidence: one panel a BRDF, all with the same colours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap, to_hex
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from brdfcheck.plots import paper
+
+_ABOVE = 1 + 1e-9
+_MOST = 1e30
+# Above the line nothing is fine: a few steps, in colours and with hatching that nothing below has.
+_EXCESS = (1.001, 1.01, 1.1, 2.0, 10.0, math.inf)
+_RED = ("#FDDBC7", "#F4A582", "#E0714F", "#C63A32", "#94142A", "#5C0A1E")
+
+
+def figure(
+    curves: Sequence[Mapping[str, Any]], *, scale: str | None, limits: tuple[float, float] | None, title: str | None
+) -> Figure:
+    """Filled contours up to 1 in one scale of colours, above 1 in another one, hatched. `limits`: ends of the colours."""
+    with paper.house_style():
+        columns = min(len(curves), 1 if len(curves) == 1 else 2 if len(curves) < 5 else 3 if len(curves) < 10 else 4)
+        rows = math.ceil(len(curves) / columns)
+        size = (5.6, 3.9) if len(curves) == 1 else (max(3.0 * columns + 0.9, 6.9), 2.5 * rows + 0.5)
+        whole = Figure(figsize=size)
+        levels, colors = _levels(curves, limits)
+        norm, cmap = BoundaryNorm(levels, len(colors)), ListedColormap(colors)
+        panels: list[Axes] = []
+        for index, curve in enumerate(curves):
+            axes = whole.add_subplot(rows, columns, index + 1)
+            panels.append(axes)
+            _panel(axes, curve, scale, levels, colors)
+            if index % columns:
+                axes.set_ylabel("")
+            if index + columns < len(curves):
+                axes.set_xlabel("")
+            name = paper.label_of(curve)
+            axes.set_title(title if title and len(curves) == 1 else name, fontsize=10 if len(curves) == 1 else 8.5)
+        if title and len(curves) > 1:
+            whole.suptitle(title)
+        from matplotlib.cm import ScalarMappable
+
+        bar = whole.colorbar(ScalarMappable(norm, cmap), ax=panels, spacing="uniform", fraction=0.06, pad=0.02, aspect=28)
+        bar.set_ticks(levels)
+        bar.set_ticklabels([_tick(level, curves) for level in levels])
+        bar.ax.tick_params(length=2, labelsize=7.5)
+        bar.set_label("directional albedo E")
+        if levels[-1] > 1:
+            bar.ax.axhline(1.0, color="black", linewidth=1.6)
+            bar.ax.axhspan(1.0, levels[-1], facecolor="none", edgecolor="#333333", hatch="////", linewidth=0)
+        return whole
+
+
+def _grid(curve: Mapping[str, Any]) -> np.ndarray:
+    rows = [paper.floats(row) for row in curve["albedo"]]
+    return np.clip(np.array(rows), -_MOST, _MOST)
+
+
+def _tick(level: float, curves: Sequence[Mapping[str, Any]]) -> str:
+    if level < _MOST:
+        return paper.text_of(round(level, 6), 4)
+    return paper.text_of(max(float(np.nanmax(_grid(curve))) for curve in curves), 2)
+
+
+def _logarithm(values: Any) -> Any:
+    """The excess over 1 by its power of ten, cut off where rounding begins."""
+    return np.log10(np.maximum(values - 1, 1e-14))
+
+
+def _panel(axes: Axes, curve: Mapping[str, Any], scale: str | None, levels: Sequence[float], colors: Sequence[str]) -> None:
+    parameter, _, _ = paper.parameter_axis(axes, [curve], scale)
+    x, mu, values = paper.floats(curve["x"]), paper.floats(curve["cosines"]), np.ma.masked_invalid(_grid(curve)).T
+    below = [level for level in levels if level < 1]
+    if below:
+        axes.contourf(x, mu, values, levels=[*below, _MOST], colors=colors[: len(below)])
+    inner = [level for level in below[1:] if values.min() < level < values.max()]
+    if inner:
+        half = len(below) / 2
+        inks = ["white" if below.index(level) < half else "#222222" for level in inner]
+        lines = axes.contour(x, mu, values, levels=inner, colors=inks, linewidths=0.5)
+        every = np.asarray(lines.levels)[:: 1 + len(inner) // 6]
+        axes.clabel(lines, every, fmt=lambda value: paper.text_of(round(value, 6), 3), fontsize=6.5)
+    if values.max() > _ABOVE:
+        # Where the albedo dies away towards exactly 1, as it does for exact factors, straight lines between samples would
+        # make stairs of the border; in a logarithmic measure of the excess they follow it.
+        plateau = np.mean(np.abs(values - 1) < 1e-9) > 0.05
+        measure = _logarithm if plateau else np.asarray
+        excess = measure(values)
+        bounds = [float(measure(level)) for level in (_ABOVE, *(level for level in levels if level > 1))]
+        axes.contourf(x, mu, excess, levels=bounds, colors=colors[len(below) :])
+        if values.min() < _ABOVE:
+            axes.contour(x, mu, excess, levels=bounds[:1], colors="black", linewidths=1.3, linestyles="solid")
+        hatching = axes.contourf(x, mu, excess, levels=[bounds[0], 2 * _MOST], colors="none", hatches=["////"])
+        hatching.set_edgecolor("#333333")
+        hatching.set_linewidth(0.0)
+        _largest(axes, curve, parameter)
+    axes.set_ylim(float(mu[0]), float(mu[-1]))
+    axes.set_ylabel("cos θ")
+    axes.yaxis.set_major_locator(MaxNLocator(6))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: paper.text_of(round(value, 9), 6)))
+
+
+def _largest(axes: Axes, curve: Mapping[str, Any], parameter: str) -> None:
+    """Where the albedo is largest, and for which exponents it exceeds 1."""
+    largest = curve.get("largest")
+    if not largest or parameter not in largest["at"]:
+        return
+    x, y = float(largest["at"][parameter]), float(largest["cos_theta"])
+    axes.plot([x], [y], marker="o", markersize=5, color="white", markeredgecolor="black", clip_on=False, zorder=5)
+    lines = [f"largest {paper.text_of(float(largest['albedo']), 5)} at {parameter} = {paper.text_of(x, 4)}, {paper.degrees(y)}"]
+    if curve.get("above"):
+        ends = ", ".join(f"{paper.text_of(float(low))} … {paper.text_of(float(high))}" for low, high in curve["above"][:3])
+        lines.append(f"E > 1 for {parameter} = {ends}")
+    # In the half where the marker is not.
+    place, where = ((0.03, 0.04), "bottom") if y > sum(axes.get_ylim()) / 2 else ((0.03, 0.96), "top")
+    axes.text(
+        *place, "\n".join(lines), transform=axes.transAxes, va=where, ha="left", fontsize=7, zorder=6,
+        bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5},
+    )  # fmt: skip
+
+
+def _levels(curves: Sequence[Mapping[str, Any]], limits: tuple[float, float] | None) -> tuple[list[float], list[str]]:
+    """Boundaries of the colours and the colours between them; 1 is a boundary."""
+    values = np.concatenate([grid[np.isfinite(grid)] for grid in map(_grid, curves)])
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    if limits is not None:
+        low, high = max(low, limits[0]), min(high, limits[1])
+    steps: list[float] = []
+    if low < 1:
+        step = next(step for step in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, math.inf) if (1 - low) / step <= 11)
+        if math.isinf(step):
+            step = 10 ** math.ceil(math.log10((1 - low) / 10))
+        first = math.floor(low / step + 1e-9)
+        steps = [round(i * step, 9) for i in range(first, round(1 / step))]
+    above: list[float] = []
+    if high > _ABOVE:
+        above = [level for level in _EXCESS if math.isfinite(level)]
+        above = above[: next((i + 1 for i, level in enumerate(above) if level >= high), len(above))]
+        if above[-1] < high:
+            above.append(_MOST)
+    elif not steps:
+        steps = [0.9]
+    shades = colormaps["cividis"](np.linspace(0.02, 0.98, max(len(steps), 1)))
+    colors = [to_hex(shade) for shade in shades[: len(steps)]] + list(_RED[: len(above)])
+    return [*steps, 1.0, *above], colors

@@ -1,0 +1,516 @@
+"""What all figures share: the house style, axes, the line at 1, violating intervals, labels that do not collide."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import matplotlib
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from brdfcheck.plots.styles import Style, ink, shade
+
+Interval = tuple[float, float]
+
+WIDTH = 7.0  # inches: the text width of a paper
+TOP = 6.0  # an axis of albedos ends here, whatever a lobe reaches
+_ABOVE = 1e-9  # the tolerance of the verdicts
+_ROW = 0.30  # inches a row of the strip of intervals
+_LABEL = 0.155  # inches a direct label
+_MOST_LABELS = 14
+_LONGEST = 42  # characters of a name
+_LEAST_WIDTH = 4.6  # inches of the axes
+_HOUSE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.labelsize": 9.5,
+    "axes.titlesize": 10.0,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": "#444444",
+    "axes.axisbelow": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.unicode_minus": True,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "xtick.color": "#333333",
+    "ytick.color": "#333333",
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "legend.handlelength": 3.6,
+    "lines.linewidth": 1.7,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "hatch.linewidth": 0.6,
+    "figure.dpi": 100,
+    "figure.constrained_layout.use": True,
+    "text.parse_math": False,  # a name may hold a dollar
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "brdfcheck",
+    "pdf.fonttype": 42,
+}
+
+
+@contextlib.contextmanager
+def house_style() -> Iterator[None]:
+    """The house's settings of matplotlib within the block, whatever the user's own are."""
+    with matplotlib.style.context(["default", _HOUSE]), warnings.catch_warnings():
+        # A name in a script that the font lacks is drawn with boxes; in SVG it is text, and whole.
+        warnings.filterwarnings("ignore", message=r"Glyph .* missing from")
+        yield
+
+
+# --- numbers ---
+
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def text_of(value: float, digits: int = 5) -> str:
+    """A number as one writes it: 14.303, 1000, 6.7·10²⁸."""
+    if not math.isfinite(value):
+        return "not a number" if math.isnan(value) else "infinity" if value > 0 else "−infinity"
+    if value != 0 and not 1e-4 <= abs(value) < 1e6:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        exponent = str(int(power)).translate(_SUPERSCRIPTS)
+        return f"10{exponent}" if mantissa == "1" else f"{mantissa}·10{exponent}".replace("-", "−")
+    text = f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+    return text.replace("-", "−")
+
+
+def degrees(cosine: float) -> str:
+    """The angle of incidence with this cosine, in degrees."""
+    angle = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+    return f"{angle:.3g}°" if angle < 89.95 or angle == 90 else f"{angle:.5g}°"
+
+
+def floats(values: Any) -> np.ndarray:
+    """Numbers of a record, in which NaN and infinities are words."""
+    return np.array([float("nan") if value is None else float(value) for value in values])
+
+
+def label_of(curve: Mapping[str, Any]) -> str:
+    """What a curve is called in a figure: without the folders of a file, and not without end."""
+    name = str(curve.get("label") or curve["name"].rpartition("/")[2])
+    return name if len(name) <= _LONGEST else f"{name[: _LONGEST // 3]}…{name[-(2 * _LONGEST) // 3 :]}"
+
+
+def _power(value: float) -> str:
+    """A tick of a long axis: 0.1, 1, 10, 10², 10³."""
+    exponent = math.log10(value) if value > 0 else 0.0
+    if abs(exponent - round(exponent)) > 1e-9 or -2 <= exponent <= 1:
+        return text_of(value, 6)
+    return f"10{str(round(exponent)).translate(_SUPERSCRIPTS)}"
+
+
+# --- axes ---
+
+
+class _WithOne(MaxNLocator):
+    """Round ticks, and one at 1: that line has a name."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        ticks = np.asarray(super().tick_values(vmin, vmax))
+        if len(ticks) > 1 and vmin < 1 < vmax and np.min(np.abs(ticks - 1)) > 1e-9:
+            ticks = np.sort(np.append(ticks[np.abs(ticks - 1) > 0.35 * (ticks[1] - ticks[0])], 1.0))
+        return ticks
+
+
+def parameter_axis(axes: Axes, curves: Sequence[Mapping[str, Any]], scale: str | None) -> tuple[str, float, float]:
+    """Set up the parameter axis for these curves: its name, and the ends. ValueError where they do not share one."""
+    names = {curve["parameter"]: curve["name"] for curve in reversed(curves)}
+    if len(names) > 1:
+        (one, first), (other, second) = list(names.items())[:2]
+        raise ValueError(f"{first} runs over {one}, {second} over {other}: one figure has one axis; plot them apart")
+    (parameter,) = names
+    low = min(float(curve["range"][0]) for curve in curves)
+    high = max(float(curve["range"][1]) for curve in curves)
+    if low == high:  # one value: room for a marker
+        low, high = (low / 1.5, low * 1.5) if low > 0 else (-0.5, 0.5)
+    if scale == "log" and low <= 0:
+        raise ValueError(f"a logarithmic axis must start above 0; {parameter} starts at {low:g}")
+    logarithmic = scale == "log" or (scale is None and low > 0 and high / low >= 15)
+    if logarithmic:
+        axes.set_xscale("log")
+        decades = math.log10(high / low)
+        subs = (1.0,) if decades > 2.2 else (1.0, 2.0, 5.0)
+        axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=20))
+        axes.xaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=20))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    long = logarithmic and high / low > 1e4
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _power(value) if long else text_of(value, 6)))
+    axes.set_xlim(low, high)
+    words = {"n": "exponent n", "m": "slope m", "alpha": "roughness α", "reflectance": "reflectance"}
+    axes.set_xlabel(words.get(str(parameter), str(parameter)))
+    return parameter, low, high
+
+
+def cosine_axis(axes: Axes, top: Axes, curves: Sequence[Mapping[str, Any]]) -> None:
+    """The cosine of incidence, from normal incidence on the left to grazing on the right; degrees at the top."""
+    low = min(float(curve["cos_theta"][0]) for curve in curves)
+    high = max(float(curve["cos_theta"][1]) for curve in curves)
+    if low == high:
+        low, high = max(low - 0.05, 0.0), min(high + 0.05, 1.0)
+    if low < 0.03:
+        low = 0.0
+    axes.set_xlim(high, low)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text_of(round(value, 6), 6)))
+    axes.set_xlabel("cos θ, from normal to grazing incidence")
+    angles = [0, 30, 45, 60, 70, 80, 90] if high - low > 0.4 else np.arange(0, 91, 5 if high - low > 0.1 else 1).tolist()
+    shown = [angle for angle in angles if low - 1e-9 <= math.cos(math.radians(angle)) <= high + 1e-9]
+    second = top.secondary_xaxis("top", functions=(lambda x: x, lambda x: x))
+    second.xaxis.set_major_locator(FixedLocator([math.cos(math.radians(angle)) for angle in shown]))
+    second.xaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{math.degrees(math.acos(min(max(value, 0.0), 1.0))):.0f}°")
+    )
+    second.tick_params(length=2.5, labelsize=7.5)
+    second.spines["top"].set_visible(False)
+
+
+def albedo_axis(
+    axes: Axes, curves: Sequence[Mapping[str, Any]], limits: tuple[float, float] | None, key: str = "albedo"
+) -> list[str]:
+    """The albedo axis with the line at 1. Returns what to say about curves that leave it."""
+    values = [floats(np.ravel(curve[key])) for curve in curves]
+    finite = np.concatenate([value[np.isfinite(value)] for value in values])
+    low, high = (float(np.min(finite)), float(np.max(finite))) if finite.size else (0.0, 1.0)
+    if limits is None:
+        bottom = min(low, 0.97)
+        top = max(high, 1.01, 1 + 0.08 * (1 - max(bottom, 0)))
+        top = min(top, TOP)
+        room = 0.05 * (top - min(bottom, top))
+        bottom = 0.0 if 0 <= bottom < 0.25 * top else max(bottom, -TOP) - room
+        limits = (bottom, top + (room if top < TOP else 0.0))
+    axes.set_ylim(*limits)
+    axes.yaxis.set_major_locator(_WithOne(7, steps=[1, 2, 2.5, 5, 10]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: text_of(round(value, 9), 7)))
+    if limits[0] <= 1 <= limits[1]:
+        axes.axhline(1, color="black", linewidth=1.0, zorder=2.2)
+    axes.grid(True)
+    said = []
+    for curve, value in zip(curves, values, strict=True):
+        if np.any(value > limits[1] * (1 + 1e-12)):
+            x = floats(curve["x"])
+            index = int(np.argmax(np.where(np.isnan(value), -np.inf, value)))
+            axis = "cos θ" if curve["kind"] == "albedo-vs-angle" else curve["parameter"]
+            said.append(f"{label_of(curve)} reaches {text_of(float(value[index]), 3)} at {axis} = {text_of(x[index], 4)}")
+        elif np.any(np.isnan(value)) and not np.any(np.isfinite(value)):
+            said.append(f"{label_of(curve)} is not a number")
+    if not said:
+        return []
+    more = [f"and {len(said) - 4} more curves leave it"] if len(said) > 4 else []
+    return [f"axis cut at {text_of(limits[1])}:", *(f"{line} ↑" for line in said[:4]), *more]
+
+
+def note(axes: Axes, lines: Sequence[str]) -> None:
+    """Small print below the axis."""
+    if lines:
+        head, *rest = lines
+        text = "\n".join([f"{head} {rest[0]}" if rest else head, *rest[1:]])
+        axes.set_xlabel(f"{axes.get_xlabel()}\n")
+        axes.annotate(
+            text, (0, 0), (0, -33), xycoords="axes fraction", textcoords="offset points", va="top", ha="left",
+            fontsize=7.5, color="#444444",
+        )  # fmt: skip
+
+
+def line_of(axes: Axes, x: np.ndarray, y: np.ndarray, style: Style, index: int, count: int, **options: Any) -> None:
+    """One curve, with a few markers that stand at other places than those of its neighbours."""
+    marked: dict[str, Any] = marker_of(style)
+    if len(x) == 1:
+        marked["markersize"] *= 1.7
+    else:
+        # At equal distances along the axis, not along the samples, which are dense where something happens.
+        places = np.array([_along(axes, value) for value in x])
+        wanted = (np.arange(4) + (index + 0.5) / max(count, 1)) / 4
+        marked["markevery"] = sorted({int(np.argmin(np.abs(places - place))) for place in wanted})
+    width = options.pop("linewidth", 1.7 if count < 12 else 1.3)
+    if style.dashes:
+        options["dashes"] = style.dashes
+    axes.plot(x, y, color=style.color, linewidth=width, **{"zorder": 3, **marked, **options})
+
+
+def marker_of(style: Style) -> dict[str, Any]:
+    """The marker's options. Crosses and stars look smaller than disks of their size."""
+    size = 6.0 if style.marker in "PX*" else 4.4
+    return {"marker": style.marker, "markersize": size, "markeredgecolor": "white", "markeredgewidth": 0.5}
+
+
+def _along(axes: Axes, value: float) -> float:
+    """Where on the x axis, from 0 to 1, without asking for a layout."""
+    low, high = axes.get_xlim()
+    if axes.get_xscale() == "log":
+        low, high, value = math.log(low), math.log(high), math.log(max(value, 1e-300))
+    return (value - low) / (high - low)
+
+
+# --- violating intervals ---
+
+
+@dataclass
+class Violation:
+    """A BRDF that exceeds 1 and where; the ends that are ends of the range, not of the violation, are `edges`."""
+
+    name: str  # empty where the figure has one curve
+    style: Style
+    intervals: list[Interval]
+    edges: Interval  # ends of the range
+    largest: str = field(default="")
+
+
+def violations(curves: Sequence[Mapping[str, Any]], look: Sequence[Style], edges: Sequence[Interval]) -> list[Violation]:
+    """The curves that exceed 1, in the order of the curves."""
+    return [
+        Violation(
+            label_of(curve) if len(curves) > 1 else "",
+            style,
+            [(float(low), float(high)) for low, high in curve["above"]],
+            edge,
+            text_of(float(curve["largest"]["albedo"]), 5) if curve.get("largest") else "",
+        )
+        for curve, style, edge in zip(curves, look, edges, strict=True)
+        if curve.get("above")
+    ]
+
+
+def frame(rows: int, height: float = 4.0, width: float = WIDTH) -> tuple[Figure, Axes, Axes | None]:
+    """A figure with its main axes and, above them, a strip with a row for each violating BRDF (None without any)."""
+    strip = _ROW * rows + 0.05
+    figure = Figure(figsize=(width, height + (strip if rows else 0)))
+    if not rows:
+        return figure, figure.add_subplot(), None
+    grid = figure.add_gridspec(2, 1, height_ratios=[strip, height], hspace=0.02)
+    axes = figure.add_subplot(grid[1])
+    return figure, axes, figure.add_subplot(grid[0], sharex=axes)
+
+
+def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], words: str, angles: bool = False) -> None:
+    """Shade where the law is broken, and draw the strip that names the ends. Limits must be set, labels drawn before."""
+    if strip is None:
+        return
+    strip.set_ylim(len(found), 0)
+    strip.set_yticks([])
+    strip.tick_params(axis="x", which="both", length=0, labelbottom=False)
+    for spine in strip.spines.values():
+        spine.set_visible(False)
+    strip.set_facecolor("none")
+    strip.text(-0.012, 0.5, words, transform=strip.transAxes, ha="right", va="center", fontsize=7.5, color="#333333")
+    few = len(found) <= 3
+    rows = [_row(axes, strip, row, violation, few, angles) for row, violation in enumerate(found)]
+    keep_width(axes)
+    # The texts are as wide as they are: they can be kept inside and apart only once the layout is known.
+    inverted = axes.get_xlim()[0] > axes.get_xlim()[1]
+    for texts in rows:
+        _settle(strip, texts[::-1] if inverted else texts)
+
+
+def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, angles: bool) -> list[Any]:
+    """The bars of one BRDF, its name on the right, the shading below; returns the texts over the bars."""
+    color = violation.style.color
+    narrow = 0.004 * abs(np.subtract(*axes.get_xlim())) if axes.get_xscale() == "linear" else 0.0
+    texts = []
+    for low, high in violation.intervals:
+        ends = (low - narrow / 2, high + narrow / 2) if high - low < narrow else (low, high)
+        strip.plot(ends, [row + 0.80] * 2, linewidth=3.4, solid_capstyle="butt", color=color, zorder=3)
+        if low == high:
+            strip.plot([low], [row + 0.80], marker="s", markersize=4, color=color, zorder=3)
+        for end in {low, high} - set(violation.edges):
+            strip.plot([end] * 2, [row + 0.62, row + 0.98], color=color, linewidth=1.0, zorder=3)
+            if few:
+                axes.axvline(end, color=color, linewidth=0.7, linestyle=(0, (2, 2)), zorder=1.5)
+        if few:
+            axes.axvspan(*ends, color=color, alpha=0.10, linewidth=0, zorder=0.5)
+        text = _ends(low, high, violation.edges, angles)
+        if len(violation.intervals) == 1 and violation.largest:
+            text += f", up to {violation.largest}"
+        texts.append(
+            strip.annotate(
+                text, ((_along(axes, low) + _along(axes, high)) / 2, row + 0.60), xycoords=("axes fraction", "data"),
+                ha="center", va="bottom", fontsize=7.5, color=ink(color), annotation_clip=False,
+            )
+        )  # fmt: skip
+    if violation.name:
+        _name(strip, violation.name, violation.style, 1 - (row + 0.80) / strip.get_ylim()[0])
+    return texts
+
+
+def _ends(low: float, high: float, edges: Interval, angles: bool) -> str:
+    if angles:  # as the axis runs: from normal incidence to grazing, which are ends by nature
+        cosines = text_of(low, 4) if low == high else f"{text_of(high, 4)} … {text_of(low, 4)}"
+        both = [degrees(value) + (" (edge)" if value in edges and value not in (0, 1) else "") for value in (high, low)]
+        return f"{' … '.join(both)}, cos θ = {cosines}"
+    if low == high:
+        return text_of(low)
+    if (low, high) == edges:
+        return f"{text_of(low)} … {text_of(high)} (all)"
+    return " … ".join(text_of(value) + (" (edge)" if value in edges else "") for value in (low, high))
+
+
+def _settle(strip: Axes, texts: list[Any]) -> None:
+    """Move the texts of a row as little as need be to stand inside and apart; where they cannot, one speaks for all."""
+    frame = strip.get_window_extent()
+    widths = [text.get_window_extent().width / frame.width + 0.03 for text in texts]
+    if len(texts) > 1 and sum(widths) > 1:
+        first, *others = texts
+        first.set_text(f"{len(texts)} intervals: {texts[0].get_text()}, …, {texts[-1].get_text()}")
+        for text in others:
+            text.remove()
+        widths, texts = [first.get_window_extent().width / frame.width], [first]
+    least, place = 0.0, []
+    for text, width in zip(texts, widths, strict=True):
+        centre = max(text.xy[0], least + width / 2)
+        place.append(centre)
+        least = centre + width / 2
+    most = 1.0
+    for i in range(len(texts) - 1, -1, -1):
+        place[i] = max(min(place[i], most - widths[i] / 2), widths[i] / 2)
+        most = place[i] - widths[i] / 2
+    for text, centre in zip(texts, place, strict=True):
+        text.xy = (centre, text.xy[1])
+        text.set_position(text.xy)
+
+
+def keep_width(axes: Axes) -> None:
+    """Widen the figure where names on the right have left the axes too little room."""
+    figure: Any = axes.figure
+    for _ in range(2):
+        figure.draw_without_rendering()
+        missing = _LEAST_WIDTH - axes.get_window_extent().width / figure.dpi
+        if missing <= 0.01:
+            return
+        figure.set_size_inches(figure.get_figwidth() + missing, figure.get_figheight())
+    figure.draw_without_rendering()
+
+
+# --- labels ---
+
+
+@dataclass
+class Label:
+    """A curve's name and the height, in the data, at which it ends on the right; `under` ranks equal ends."""
+
+    text: str
+    style: Style
+    end: float
+    under: float = 0.0
+
+
+def direct_labels(axes: Axes, labels: Sequence[Label]) -> None:
+    """Each name beside the right end of its curve, pushed apart where they would collide; a legend where they are too many.
+
+    In either case a sample of the line stands by the name: in greyscale colours alone would not do.
+    """
+    figure = axes.figure
+    figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
+    height = axes.get_window_extent().height / figure.dpi  # pyright: ignore[reportAttributeAccessIssue]
+    bottom, top = axes.get_ylim()
+    known = [bottom if math.isnan(label.end) else min(max(label.end, bottom), top) for label in labels]
+    ends = [(end - bottom) / (top - bottom) for end in known]
+    order = sorted(range(len(labels)), key=lambda i: (ends[i], labels[i].under))
+    step = _LABEL / height
+    spread = _spread([ends[i] for i in order], step)
+    shift = max((abs(place - ends[i]) for i, place in zip(order, spread, strict=True)), default=0.0)
+    if len(labels) > _MOST_LABELS or len(labels) * step > 1.02 or shift > 0.45:
+        _legend(axes, [labels[i] for i in reversed(order)], height)
+        keep_width(axes)
+        return
+    for i, place in zip(order, spread, strict=True):
+        label = labels[i]
+        _offset_line(axes, [(0, ends[i]), (9, place)], color="#999999", linewidth=0.6)
+        _name(axes, label.text, label.style, place)
+    keep_width(axes)
+
+
+def _name(axes: Axes, text: str, style: Style, place: float) -> None:
+    """A name right of the axes at this fraction of their height, with a sample of its line."""
+    _offset_line(axes, [(10, place), (33, place)], color=style.color, linewidth=1.7, dashes=style.dashes)
+    _offset_line(axes, [(21.5, place)], color=style.color, **marker_of(style))
+    axes.annotate(
+        text, (1.0, place), (37, 0), xycoords="axes fraction", textcoords="offset points", ha="left", va="center",
+        fontsize=8.0, color=ink(style.color), annotation_clip=False,
+    )  # fmt: skip
+
+
+def _offset_line(axes: Axes, points: Sequence[tuple[float, float]], **options: Any) -> None:
+    """A line through (points of the page right of the axes, height as a fraction of the axes)."""
+    from matplotlib.lines import Line2D
+    from matplotlib.transforms import Affine2D, blended_transform_factory
+
+    figure = axes.figure
+    assert figure is not None
+    right = Affine2D().scale(1 / 72) + figure.dpi_scale_trans + _right_edge(axes)  # pyright: ignore
+    transform = blended_transform_factory(right, axes.transAxes)
+    dashes = options.pop("dashes", ())
+    line = Line2D([x for x, _ in points], [y for _, y in points], transform=transform, clip_on=False, zorder=4, **options)
+    if dashes:
+        line.set_dashes(dashes)
+    axes.add_artist(line)
+
+
+def _right_edge(axes: Axes) -> Any:
+    """A translation by the place of the right edge of the axes, which follows the layout."""
+    from matplotlib.transforms import ScaledTranslation
+
+    # (1, 0) of the axes, as display coordinates: ScaledTranslation asks the transform anew whenever it has changed.
+    return ScaledTranslation(1, 0, axes.transAxes)  # pyright: ignore[reportArgumentType]
+
+
+def _legend(axes: Axes, labels: Sequence[Label], height: float) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for label in labels:
+        line = Line2D([], [], color=label.style.color, label=label.text, linewidth=1.5, **marker_of(label.style))
+        if label.style.dashes:
+            line.set_dashes(label.style.dashes)
+        handles.append(line)
+    rows = max(int(height / 0.17), 1)
+    columns = math.ceil(len(handles) / rows)
+    axes.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, ncols=columns, labelspacing=0.35,
+        columnspacing=1.2,
+    )  # fmt: skip
+
+
+def _spread(places: Sequence[float], step: float) -> list[float]:
+    """Rising places moved as little as need be until they are `step` apart, within 0 and 1."""
+    blocks: list[list[float]] = []  # (sum of wishes, count): places of a block follow each other at `step`
+    for place in places:
+        blocks.append([place, 1.0])
+        while len(blocks) > 1 and _start(blocks[-2], step) + blocks[-2][1] * step > _start(blocks[-1], step):
+            total, count = blocks.pop()
+            blocks[-1][0] += total - count * blocks[-1][1] * step
+            blocks[-1][1] += count
+    result: list[float] = []
+    for block in blocks:
+        start = _start(block, step)
+        result += [start + i * step for i in range(int(block[1]))]
+    return result
+
+
+def _start(block: Sequence[float], step: float) -> float:
+    """Where the first label of a block stands: at the mean of the wishes, each less its place in the block."""
+    total, count = block
+    return min(max(total / count, 0.0), max(1.0 - (count - 1) * step, 0.0))
+
+
+def faded(color: str, index: int, count: int) -> str:
+    """One colour from light to dark for the members of a family: light for the first, dark for the last."""
+    dark = 0.0 if color == "#000000" else 0.45
+    return color if count < 2 else shade(color, -0.55 + (0.55 + dark) * index / (count - 1))
+
+
+def plain_log(axis: Any) -> None:
+    """Plain numbers on an axis that may be logarithmic."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: text_of(value, 4)))
+    axis.set_minor_formatter(NullFormatter())

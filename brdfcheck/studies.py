@@ -1,0 +1,171 @@
+"""Studies: one question each, answered by a run, a figure and a page of numbers, kept in a folder of reports.
+
+A study is a file with a docstring (question, command, answer) and three functions: ``run(size)`` gives what was measured
+(`settings`, `results`, `summary`: plain numbers), ``plot(record)`` the figure and ``summary(record)`` the page. This module
+finds the studies, runs them and writes ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import json
+import re
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from brdfcheck import plots, records
+from brdfcheck.messages import one_line
+
+SIZES = ("small", "full")
+FILES = ("record.json", "figure.png", "figure.svg", "summary.md")
+_GALLERY = "README.md"
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study's file, and what its docstring says."""
+
+    name: str
+    path: Path
+    question: str
+    answer: str
+
+
+def folder() -> Path | None:
+    """Where the studies are: beside the package in a checkout, inside it where it was installed. None: left out."""
+    package = Path(__file__).resolve().parent
+    installed, checkout = package / "_studies", package.parent / "studies"
+    if installed.is_dir():
+        return installed
+    # Beside an installed package there may be anything of the name studies.
+    return checkout if checkout.is_dir() and (package.parent / "pyproject.toml").is_file() else None
+
+
+def find() -> dict[str, Study]:
+    """All studies by name, in the order of the alphabet. Nothing is imported."""
+    place = folder()
+    paths = sorted(place.glob("*.py")) if place is not None else []
+    return {path.stem: _described(path) for path in paths if not path.stem.startswith("_")}
+
+
+def _described(path: Path) -> Study:
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    question, _, rest = text.partition("\n\n")
+    answer = re.search(r"^Answer: (.*?)(?:\n\n|\Z)", rest, re.DOTALL | re.MULTILINE)
+    return Study(path.stem, path, one_line(question), one_line(answer.group(1)) if answer else "")
+
+
+def load(study: Study) -> ModuleType:
+    """The study's module. ValueError where it lacks one of its three functions."""
+    name = f"_brdfcheck_study_{study.name}"
+    spec = importlib.util.spec_from_file_location(name, study.path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    missing = [function for function in ("run", "plot", "summary") if not callable(getattr(module, function, None))]
+    if missing:
+        raise ValueError(f"the study {study.name} has no function {missing[0]}")
+    return module
+
+
+def record_of(study: Study, size: str) -> dict[str, Any]:
+    """Run a study and return its record, as it is written. ValueError for an unknown size."""
+    if size not in SIZES:
+        raise ValueError(f"size must be one of {', '.join(SIZES)}; got {size!r}")
+    began = time.perf_counter()
+    measured = load(study).run(size)
+    seconds = round(time.perf_counter() - began, 2)
+    record = records.document(
+        f"study {study.name}",
+        measured["results"],
+        settings={"size": size, **measured.get("settings", {}), "precision": "float64"},
+        summary={**measured.get("summary", {}), "seconds": seconds},
+    )
+    return {**record, "study": study.name, "question": study.question, "answer": study.answer}
+
+
+def write_report(study: Study, record: Mapping[str, Any], reports: Path) -> Path:
+    """Write the four files of a study's report from its record alone. OSError where that fails."""
+    module = load(study)
+    place = reports / study.name
+    place.mkdir(parents=True, exist_ok=True)
+    text = to_json(record)
+    record = json.loads(text)  # what is drawn is what is written
+    figure = module.plot(record)
+    records.write_atomically(place / "record.json", text)
+    for suffix in (".png", ".svg"):
+        records.write_atomically(place / f"figure{suffix}", plots.to_bytes(figure, suffix))
+    page = f"# {study.question}\n\n![{study.question}](figure.png)\n\n{module.summary(record).strip()}\n\n{_made(record)}"
+    records.write_atomically(place / "summary.md", page)
+    return place
+
+
+def _made(record: Mapping[str, Any]) -> str:
+    size = record["settings"]["size"]
+    option = "" if size == "full" else f" --size {size}"
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    return (
+        f"Made by `brdfcheck study {record['study']}{option}` ({versions}). The numbers behind the figure are in"
+        " [record.json](record.json), the figure for print in [figure.svg](figure.svg).\n"
+    )
+
+
+def write_gallery(reports: Path) -> Path:
+    """The page that shows every report in the folder, in the order of the alphabet: the same text for the same reports."""
+    parts = ["# Reports", "", "Made by `brdfcheck study all`; this page too. Each figure is made of the numbers in its record."]
+    for path in sorted(reports.glob("*/record.json")):
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if not isinstance(record, dict) or "study" not in record:
+            continue
+        name = path.parent.name
+        small = "" if record["settings"].get("size") == "full" else " (small size)"
+        answer = record["answer"]
+        parts += ["", f"## {record['question']}{small}", "", answer[:1].upper() + answer[1:], ""]
+        parts += [f"[![{record['question']}]({name}/figure.png)]({name}/summary.md)", ""]
+        links = [f"[{label}]({name}/{file})" for label, file in (("numbers", "summary.md"), ("record", "record.json"))]
+        parts.append(f"`brdfcheck study {name}` · {' · '.join(links)} · [SVG]({name}/figure.svg)")
+    page = reports / _GALLERY
+    records.write_atomically(page, "\n".join(parts) + "\n")
+    return page
+
+
+def to_json(record: Mapping[str, Any]) -> str:
+    """Strict JSON with a list of numbers on one line: a record is for reading too."""
+    text = records.to_json(record)
+    scalar = r"(?:-?[0-9][-+.0-9eE]*|\"(?:NaN|-?Infinity)\")"
+
+    def flat(match: re.Match[str]) -> str:
+        return "[" + ", ".join(match.group(0)[1:-1].replace(",", " ").split()) + "]"
+
+    return re.sub(rf"\[\s*{scalar}(?:,\s*{scalar})*\s*\]", flat, text)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def main(path: str) -> None:
+    """What a study's file does as a program: ``python studies/NAME.py [small|full]`` writes reports/NAME/."""
+    from brdfcheck.precision import use_compilation_cache, use_x64
+
+    use_x64()
+    use_compilation_cache()
+    study = _described(Path(path))
+    size = sys.argv[1] if len(sys.argv) > 1 else "full"
+    reports = Path("reports")
+    place = write_report(study, record_of(study, size), reports)
+    write_gallery(reports)
+    print(f"wrote {place}")

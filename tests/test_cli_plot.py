@@ -1,0 +1,350 @@
+"""``brdfcheck plot`` and ``brdfcheck study``: what they say, what they write, how they end."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import brdfcheck
+from brdfcheck import cli
+from brdfcheck.cli import ExitCode
+
+ROOT = Path(brdfcheck.__file__).parent.parent
+SMALL = ("--samples", "5")
+
+MINE = """
+    import jax.numpy as jnp
+    from brdfcheck import Factor, Normalized, Phong
+
+    print("printed on import")
+
+    def planted(n):
+        return Normalized(Phong(n), Factor(2.0, 2 * jnp.pi / 1.01))
+
+    def two(n, m):
+        return Normalized(Phong(n * m), Factor(2.0, 2 * jnp.pi))
+
+    def flat(wi, wo):
+        return 0.9 / jnp.pi + 0 * wi[..., 2]
+
+    def not_a_number(wi, wo):
+        return jnp.nan * wi[..., 2]
+
+    def raises(wi, wo):
+        raise RuntimeError("boom")
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def mine(here: Path) -> str:
+    (here / "mine.py").write_text(textwrap.dedent(MINE))
+    return "mine.py"
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = cli.run(arguments)
+        return code, *capsys.readouterr()
+
+    return run
+
+
+# --- what is written ---
+
+
+def test_the_default_is_an_svg_of_the_kinds_name(run: Run, here: Path) -> None:
+    code, out, err = run("plot", "albedo-vs-n", "binomial-power-published", *SMALL)
+    assert (code, err) == (ExitCode.PASSED, "")
+    line, wrote = out.splitlines()
+    assert line == ("binomial-power-published  exceeds 1 for n=14.303..23.0561  largest 1.001600522 at n=17.8512 angle=0 deg")
+    assert wrote == "wrote albedo-vs-n.svg"
+    text = (here / "albedo-vs-n.svg").read_text()
+    assert "14.303 … 23.056" in text
+    assert os.listdir(here) == ["albedo-vs-n.svg"]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "head"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")]
+)
+def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: bytes) -> None:
+    words = ("plot", "albedo-vs-angle", "phong", "--n", "1,10", *SMALL, "-o", f"x{suffix}")
+    assert run(*words)[0] == ExitCode.PASSED
+    first = (here / f"x{suffix}").read_bytes()
+    assert first.startswith(head)
+    run(*words)
+    assert (here / f"x{suffix}").read_bytes() == first
+
+
+@pytest.mark.parametrize("kind", ["albedo-vs-n", "albedo-vs-angle", "heatmap", "factor"])
+def test_every_kind_from_names_and_again_from_its_record(run: Run, here: Path, kind: str) -> None:
+    words = ("plot", kind, "blinn-phong-8", "binomial-power-half", "--n", "1:100", *SMALL)
+    code, out, err = run(*words, "--json", "r.json")
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert out.splitlines()[-2:] == [f"wrote {kind}.svg", "wrote r.json"]
+    record = json.loads((here / "r.json").read_text())
+    assert record["settings"]["over"] == {"n": [1.0, 100.0]}
+    assert {result["kind"] for result in record["results"]} == {kind}
+    assert run("plot", kind, "r.json", "-o", "again.svg")[0] == ExitCode.PASSED
+    assert (here / "again.svg").read_bytes() == (here / f"{kind}.svg").read_bytes()
+
+
+def test_a_record_is_plotted_without_jax(here: Path) -> None:
+    assert cli.run(("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--json", "r.json")) == ExitCode.PASSED
+    program = "import sys\nfrom brdfcheck import cli\ncode = cli.run(['plot', 'albedo-vs-n', 'r.json'])\n"
+    program += "sys.exit(code or 10 * ('jax' in sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=here, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
+    code, out, err = run("plot", "albedo-vs-n", f"{mine}:planted", "--over", "n=1:50", *SMALL, "--json", "-")
+    assert code == ExitCode.PASSED
+    (result,) = json.loads(out)["results"]
+    assert result["above"] == [[1.0, 50.0]]
+    assert result["origin"] == "user"
+    assert "printed on import" in err
+    assert "wrote albedo-vs-n.svg" in err
+
+
+def test_a_function_over_angles(run: Run, mine: str) -> None:
+    code, out, _ = run("plot", "albedo-vs-angle", f"{mine}:flat", *SMALL)
+    assert code == ExitCode.PASSED
+    assert "mine.py:flat  nowhere above 1  largest 0.9" in out
+
+
+def test_names_with_different_ranges_share_one(run: Run, here: Path) -> None:
+    code, out, _ = run("plot", "albedo-vs-n", "phong", "binomial-power-half", *SMALL)
+    assert code == ExitCode.PASSED
+    assert out.startswith("n=1:1000, the range that all have")
+
+
+def test_a_fit_and_a_sweep(run: Run, here: Path) -> None:
+    result = {"name": "blinn-phong", "objective": "minimax", "n": [1, 100], "factor": {"form": "Factor", "A": 8.0, "B": 26.7}}
+    document = {"schema": "brdfcheck-results", "schema_version": 1, "command": "fit", "results": [result]}
+    (here / "fit.json").write_text(json.dumps(document))
+    code, out, _ = run("plot", "factor", "fit.json", "blinn-phong-6", "--n", "1:100", *SMALL)
+    assert code == ExitCode.PASSED
+    assert out.splitlines()[0].startswith("blinn-phong, minimax  exceeds 1 for n=")
+    (here / "sweep.toml").write_text(
+        'brdf = "binomial-power-published"\n[axes]\nn = { geomspace = [1, 100, 25] }\ncos_theta = [0.0, 0.5, 1.0]\n'
+    )
+    assert run("sweep", "sweep.toml", "--out", "s.zarr")[0] == ExitCode.PASSED
+    code, out, _ = run("plot", "albedo-vs-n", "s.zarr")
+    assert code == ExitCode.PASSED
+    assert "exceeds 1 for n=14." in out
+    assert run("plot", "heatmap", "s.zarr")[0] == ExitCode.PASSED
+    code, out, _ = run("plot", "albedo-vs-angle", "s.zarr", "--n", "1,100")
+    assert [line.split("  ")[0].rpartition(" ")[2] for line in out.splitlines()[:2]] == ["n=1", "n=100"]
+
+
+# --- --show ---
+
+
+def test_show_needs_a_display(run: Run, here: Path) -> None:
+    code, out, err = run("plot", "albedo-vs-n", "phong", "--show")
+    if sys.platform.startswith("linux"):
+        assert (code, out) == (ExitCode.USAGE_ERROR, "")
+        assert err == "brdfcheck: --show: there is no display; leave it out and open the file that is written\n"
+        assert os.listdir(here) == []
+
+
+def test_show_opens_a_window_and_writes_nothing(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import matplotlib.pyplot as plt
+
+    shown = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(plt, "get_backend", lambda: "TkAgg")
+    monkeypatch.setattr(plt, "show", lambda: shown.append(plt.gcf().canvas.manager.canvas.figure.axes[0].get_xlabel()))
+    code, out, _ = run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--show")
+    assert (code, shown) == (ExitCode.PASSED, ["exponent n"])
+    assert "wrote" not in out
+    assert os.listdir(here) == []
+    assert plt.get_fignums() == []
+    monkeypatch.setattr(plt, "get_backend", lambda: "agg")
+    code, out, err = run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--show", "-o", "x.svg")
+    assert code == ExitCode.USAGE_ERROR
+    assert "no toolkit for windows" in err
+    assert os.listdir(here) == ["x.svg"]
+
+
+# --- bad words ---
+
+BAD_WORDS = [
+    (("plot",), "KIND"),
+    (("plot", "albedo-vs-m", "phong"), "unknown kind of plot 'albedo-vs-m'; did you mean albedo-vs-n"),
+    (("plot", "pie", "phong"), "the kinds are albedo-vs-n, albedo-vs-angle, heatmap, factor"),
+    (("plot", "heatmap"), "nothing to plot"),
+    (("plot", "heatmap", "fong"), "unknown BRDF 'fong'; did you mean phong"),
+    (("plot", "heatmap", "absent.json"), "there is no file 'absent.json'"),
+    (("plot", "heatmap", "absent.zarr"), "there is no file 'absent.zarr'"),
+    (("plot", "heatmap", "absent.py:f"), "there is no file 'absent.py'"),
+    (("plot", "heatmap", "."), "holds no Zarr store"),
+    (("plot", "heatmap", "phong", "-o", "x.jpg"), "must end in .svg, .png or .pdf"),
+    (("plot", "heatmap", "phong", "-o", "-"), "must end in .svg, .png or .pdf"),
+    (("plot", "heatmap", "phong", "-o", "absent/x.svg"), "does not exist"),
+    (("plot", "heatmap", "phong", "-o", "x.svg", "--json", "./x.svg"), "the same file"),
+    (("plot", "heatmap", "phong", "--json", "absent/x.json"), "does not exist"),
+    (("plot", "heatmap", "phong", "--scale", "cubic"), "must be log or linear; got 'cubic'"),
+    (("plot", "heatmap", "phong", "--samples", "1"), "from 3 to 20000; got 1"),
+    (("plot", "heatmap", "phong", "--samples", "x"), "'x' is not a number"),
+    (("plot", "heatmap", "phong", "--y", "2:1"), "2 > 1"),
+    (("plot", "heatmap", "phong", "--y", "1"), "LO must be below HI"),
+    (("plot", "heatmap", "phong", "--n", "1:2", "--over", "n=1"), "also given with --over"),
+    (("plot", "heatmap", "phong", "--n", "5:1"), "5 > 1"),
+    (("plot", "heatmap", "phong", "--n", "1,2"), "a list of exponents is for albedo-vs-angle"),
+    (("plot", "heatmap", "phong", "--n", "3"), "needs a range of n"),
+    (("plot", "heatmap", "phong", "--cos-theta", "0:2"), "within 0:1"),
+    (("plot", "albedo-vs-angle", "phong", "--n", "1,x"), "'x' is not a number"),
+    (("plot", "albedo-vs-angle", "phong", "--n", "-1"), "n must be a finite number >= 0; got -1"),
+    (("plot", "albedo-vs-n", "phong", "--n", "0:9", "--scale", "log"), "must start above 0"),
+    (("plot", "albedo-vs-n", "phong", "ggx", "--samples", "3"), "one figure has one axis"),
+    (("plot", "factor", "ggx"), "ggx has no factor"),
+    (("plot", "albedo-vs-n", "phong", "--over", "m=1:2"), "no parameter 'm'"),
+    (("study",), "say which study"),
+    (("study", "raw-albedos"), "unknown study 'raw-albedos'; did you mean raw_albedo"),
+    (("study", "xyz"), "the studies are "),
+    (("study", "all", "raw_albedo"), "stand alone"),
+    (("study", "raw_albedo", "--size", "huge"), "must be small or full; got 'huge'"),
+    (("study", "raw_albedo", "--out", ""), "the folder's name is empty"),
+    (("study", "raw_albedo", "--out", __file__), "is not a folder"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), BAD_WORDS, ids=[" ".join(words)[:60] for words, _ in BAD_WORDS])
+def test_4_for_bad_words_in_one_line(run: Run, here: Path, words: tuple[str, ...], message: str) -> None:
+    code, out, err = run(*words)
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    (line,) = err.splitlines()
+    assert line.startswith("brdfcheck: ")
+    assert message in line
+    assert os.listdir(here) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("albedo-vs-n", "mine.py:flat"), "no parameter to run over"),
+        (("albedo-vs-n", "mine.py:planted"), "must be given a range: --over n=LO:HI"),
+        (("albedo-vs-n", "mine.py:two", "--over", "n=1:2", "--over", "m=1:2"), "hold all but one, as in --over m=VALUE"),
+        (("albedo-vs-angle", "mine.py:two", "--over", "n=1:2", "--over", "m=1:2"), "hold all but one"),
+        (("albedo-vs-angle", "mine.py:not_a_number"), "not a number anywhere"),
+        (("albedo-vs-angle", "mine.py:raises"), "RuntimeError: boom"),
+        (("albedo-vs-n", "mine.json"), "not JSON"),
+        (("albedo-vs-n", "plain.txt"), "not JSON"),
+        (("albedo-vs-n", "bytes.json"), "it is no text"),
+        (("albedo-vs-n", "list.json"), "not a record of brdfcheck, but a JSON list"),
+    ],
+)
+def test_4_for_what_cannot_be_plotted(run: Run, mine: str, here: Path, words: tuple[str, ...], message: str) -> None:
+    for name, data in (("mine.json", b"{"), ("plain.txt", b"hello"), ("bytes.json", b"\xff\xfe\x00"), ("list.json", b"[]")):
+        (here / name).write_bytes(data)
+    before = set(os.listdir(here))
+    code, out, err = run("plot", *words)
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert message in err.splitlines()[-1]
+    assert err.splitlines()[-1].startswith("brdfcheck: ")
+    assert set(os.listdir(here)) - {"__pycache__"} == before
+
+
+def test_options_that_a_record_cannot_answer(run: Run, here: Path) -> None:
+    run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--json", "r.json")
+    for option in (("--n", "1:2"), ("--cos-theta", "1"), ("--samples", "9")):
+        code, _, err = run("plot", "albedo-vs-n", "r.json", *option)
+        assert code == ExitCode.USAGE_ERROR
+        assert "a record holds what was computed" in err
+
+
+def test_a_full_disk(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    code, _, err = run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL)
+    assert code == ExitCode.USAGE_ERROR
+    assert "No space left on device" in err
+    code, _, err = run("study", "raw_albedo", "--size", "small")
+    assert code == ExitCode.USAGE_ERROR
+    assert err == "brdfcheck: --out: cannot write to 'reports': No space left on device\n"
+
+
+@pytest.mark.parametrize("command", ["plot", "study"])
+def test_help_has_examples(run: Run, command: str) -> None:
+    code, out, _ = run(command, "--help")
+    assert code == ExitCode.PASSED
+    assert f"  brdfcheck {command} " in out
+
+
+def test_reading_the_words_imports_nothing_heavy() -> None:
+    program = "import sys\nfrom brdfcheck import cli\ncode = cli.run(['plot', 'pie', 'phong'])\n"
+    program += "sys.exit((code != 4) + ('jax' in sys.modules) + ('matplotlib' in sys.modules) + ('numpy' in sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 0
+
+
+# --- studies ---
+
+
+def test_study_list(run: Run, here: Path) -> None:
+    code, out, err = run("study", "list")
+    assert (code, err) == (ExitCode.PASSED, "")
+    first = out.splitlines()
+    assert {"raw_albedo", "normalized_albedo", "published_claims", "incidence"} <= {line.split()[0] for line in first}
+    (line,) = [line for line in first if line.startswith("raw_albedo ")]
+    assert "reflect more than it receives?" in line
+    assert "18.588" in line
+    assert os.listdir(here) == []
+
+
+def test_a_study_writes_its_report_and_the_gallery(run: Run, here: Path) -> None:
+    code, out, err = run("study", "raw_albedo", "--size", "small")
+    assert (code, err) == (ExitCode.PASSED, "")
+    report, gallery = out.splitlines()
+    assert report.startswith("raw_albedo  ")
+    assert report.endswith("wrote reports/raw_albedo: record.json, figure.png, figure.svg, summary.md")
+    assert gallery == "wrote reports/README.md"
+    assert sorted(os.listdir("reports/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
+    assert run("study", "raw_albedo", "--size", "small", "--out", "deep/er")[0] == ExitCode.PASSED
+    assert run("plot", "albedo-vs-n", "deep/er/raw_albedo/record.json")[0] == ExitCode.PASSED
+
+
+def test_one_study_that_fails_does_not_stop_the_others(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from brdfcheck import studies
+
+    known = studies.find()
+    bad = here / "bad.py"
+    bad.write_text('"""Why?\n\nAnswer: because.\n"""\ndef run(size):\n    raise RuntimeError("boom")\nplot = summary = run\n')
+    chosen = {"bad": studies.Study("bad", bad, "Why?", "because."), "raw_albedo": known["raw_albedo"]}
+    monkeypatch.setattr(studies, "find", lambda: chosen)
+    code, out, _ = run("study", "all", "--size", "small")
+    assert code == ExitCode.FAILED
+    assert "bad  failed: RuntimeError: boom" in out
+    assert "raw_albedo" in out
+    assert run("study", "bad")[0] == ExitCode.INTERNAL_ERROR
+    monkeypatch.setattr(studies, "find", dict)
+    for word in ("list", "all"):
+        assert run("study", word)[0] == ExitCode.NOTHING_TO_CHECK

@@ -1,0 +1,188 @@
+"""Studies: each runs at its small size, is drawn from its record alone, and says in its docstring what it found."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import brdfcheck
+from brdfcheck import plots, studies
+
+ROOT = Path(brdfcheck.__file__).parent.parent
+STUDIES = studies.find()
+
+
+def refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is not strict JSON")
+
+
+def test_the_first_ones_are_there():
+    assert {"raw_albedo", "normalized_albedo", "published_claims", "incidence"} <= set(STUDIES)
+    assert list(STUDIES) == sorted(STUDIES)
+
+
+@pytest.mark.parametrize("name", list(STUDIES))
+def test_a_study_is_a_short_file_with_question_command_and_answer(name):
+    study = STUDIES[name]
+    text = study.path.read_text()
+    assert study.question.endswith("?")
+    assert len(study.answer) > 20
+    assert re.search(r"\d", study.answer)  # measured
+    assert f"brdfcheck study {name}" in ast.get_docstring(ast.parse(text))
+    assert 60 <= len(text.splitlines()) <= 140
+    assert text.startswith("#!")
+    assert os.access(study.path, os.X_OK)
+    # Of the package only what is public; of the other studies nothing.
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom):
+            assert not (node.module or "").startswith("studies")
+            assert not any(alias.name.startswith("_") and alias.name != "__version__" for alias in node.names)
+        if isinstance(node, ast.Import):
+            assert not any(alias.name in STUDIES for alias in node.names)
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory):
+    return tmp_path_factory.mktemp("reports")
+
+
+@pytest.mark.parametrize("name", list(STUDIES))
+def test_the_small_size_runs(name, reports):
+    study = STUDIES[name]
+    record = studies.record_of(study, "small")
+    place = studies.write_report(study, record, reports)
+    assert sorted(os.listdir(place)) == sorted(studies.FILES)
+    written = json.loads((place / "record.json").read_text(), parse_constant=refuse)
+    assert written["schema"] == "brdfcheck-results"
+    assert written["settings"]["size"] == "small"
+    assert {"versions", "device", "results", "summary", "question", "answer"} <= set(written)
+    assert (place / "record.json").stat().st_size < 300_000
+    page = (place / "summary.md").read_text()
+    assert page.startswith(f"# {study.question}\n")
+    assert "![" in page
+    assert re.search(r"\d\.\d\d", page)
+    # The report is a function of the record.
+    first = {file: (place / file).read_bytes() for file in studies.FILES}
+    studies.write_report(study, written, reports)
+    assert {file: (place / file).read_bytes() for file in studies.FILES} == first
+    assert "<text" in (place / "figure.svg").read_text()
+
+
+def test_what_the_studies_found():
+    """The numbers of the docstrings, from the small sizes."""
+    record = studies.record_of(STUDIES["raw_albedo"], "small")
+    assert record["summary"]["crossing"] == pytest.approx(18.588, abs=1e-3)
+    assert dict(zip(record["summary"]["exponents"], record["summary"]["albedo"], strict=True))[17] == pytest.approx(
+        1.0690, abs=5e-5
+    )
+    record = studies.record_of(STUDIES["incidence"], "small")
+    ratios = record["summary"]["ratios"]
+    assert ratios["phong"]["ratio"] == pytest.approx(1, abs=1e-9)
+    assert ratios["phong-classical"]["ratio"] == pytest.approx(18.74, abs=0.01)
+    assert ratios["beckmann-smith"]["angle_degrees"] > 80
+
+
+# --- the gallery ---
+
+
+def test_the_gallery_shows_every_report_in_order(tmp_path):
+    for name in ("beta", "alpha", "broken", "foreign"):
+        (tmp_path / name).mkdir()
+        record = {"study": name, "question": f"What of {name}?", "answer": "Much.", "settings": {"size": "full"}}
+        text = {"broken": "{", "foreign": "[]"}.get(name, json.dumps(record))
+        (tmp_path / name / "record.json").write_text(text)
+    page = studies.write_gallery(tmp_path)
+    text = page.read_text()
+    assert page.name == "README.md"
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["What of alpha?", "What of beta?"]
+    assert "[![What of alpha?](alpha/figure.png)](alpha/summary.md)" in text
+    studies.write_gallery(tmp_path)
+    assert page.read_text() == text
+
+
+def test_the_committed_reports_are_full_size_and_linked():
+    gallery = ROOT / "reports" / "README.md"
+    text = gallery.read_text()
+    linked = set(re.findall(r"\]\(([^)]+)\)", text))
+    assert linked
+    for link in linked:
+        assert (gallery.parent / link).is_file(), link
+    for path in gallery.parent.glob("*/record.json"):
+        record = json.loads(path.read_text())
+        assert record["settings"]["size"] == "full", path
+        assert path.stat().st_size < 300_000, path
+        assert f"({path.parent.name}/figure.png)" in text, path
+        assert record["summary"]["seconds"] < 120, path
+        # The answer in the record is the one that the study gives today.
+        assert record["answer"] == STUDIES[record["study"]].answer, path
+
+
+# --- where the studies are ---
+
+
+def test_in_a_checkout_and_in_an_installation(tmp_path, monkeypatch):
+    assert studies.folder() == ROOT / "studies"
+    package = tmp_path / "site-packages" / "brdfcheck"
+    (package / "_studies").mkdir(parents=True)
+    monkeypatch.setattr(studies, "__file__", str(package / "studies.py"))
+    assert studies.folder() == package / "_studies"
+    shutil.rmtree(package / "_studies")
+    (tmp_path / "site-packages" / "studies").mkdir()  # another project's
+    assert studies.folder() is None
+    assert studies.find() == {}
+
+
+def test_a_wheel_carries_the_studies():
+    with open(ROOT / "pyproject.toml", "rb") as file:
+        wheel = tomllib.load(file)["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["sources"] == {"studies": "brdfcheck/_studies"}
+    assert "studies" in wheel["only-include"]
+
+
+def test_a_study_is_a_program_too(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "studies" / "raw_albedo.py"), "small"], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False, timeout=120,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "reports" / "raw_albedo" / "figure.svg").is_file()
+    assert (tmp_path / "reports" / "README.md").is_file()
+
+
+# --- pieces ---
+
+
+def test_records_are_for_reading_too():
+    record = {"x": [1, 2.5, -3e-9, "NaN"], "nested": [[1, 2], [3, 4]], "words": ["a", "b, c"], "empty": [], "text": "[1,\n 2]"}
+    text = studies.to_json(record)
+    assert json.loads(text) == record
+    assert '"x": [1, 2.5, -3e-09, "NaN"]' in text
+    assert "[3, 4]" in text
+
+
+def test_a_file_that_is_no_study(tmp_path):
+    path = tmp_path / "odd.py"
+    path.write_text('"""What?"""\ndef run(size): ...\n')
+    study = studies._described(path)
+    assert (study.question, study.answer) == ("What?", "")
+    with pytest.raises(ValueError, match="the study odd has no function plot"):
+        studies.load(study)
+    with pytest.raises(ValueError, match="size must be one of small, full"):
+        studies.record_of(STUDIES["raw_albedo"], "huge")
+
+
+def test_tables():
+    assert studies.table(("a", "b"), [("1", "x|y")]) == "| a | b |\n| --- | --- |\n| 1 | x\\|y |"
+
+
+def test_figures_of_studies_are_free_of_pyplot():
+    assert plots.empty(3, 2).canvas.manager is None
