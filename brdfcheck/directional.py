@@ -26,7 +26,7 @@ from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, Form
 from brdfcheck.callables import Evaluator, constant
-from brdfcheck.factors import Normalized, PerCosine
+from brdfcheck.factors import peel as peel
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
 from brdfcheck.quadrature.polar import Order
@@ -81,20 +81,6 @@ def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, Ha
         for part in (1.0, 0.86)
     )
     return fine, coarse
-
-
-def peel(brdf: AbstractBRDF) -> tuple[AbstractBRDF, Callable[[Any], Any]]:
-    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta.
-
-    Also for a batch of BRDFs whose leaves are numpy arrays: then the cosines are an array of the same shape.
-    """
-    if isinstance(brdf, Normalized):
-        core, inner = peel(brdf.lobe)
-        return core, lambda mu: brdf.scale() * inner(mu)
-    if isinstance(brdf, PerCosine):
-        core, inner = peel(brdf.base)
-        return core, lambda mu: inner(mu) / mu
-    return brdf, lambda mu: 1.0
 
 
 def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:

@@ -7,7 +7,8 @@ two-constant form (n+A)/B of the literature; the closed forms make the albedo at
 from __future__ import annotations
 
 import abc
-from typing import final
+from collections.abc import Callable
+from typing import Any, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -165,3 +166,17 @@ class PerCosine(AbstractBRDF):
         value = self.base(wi, wo)
         cosine = jnp.maximum(wi[..., 2], _TINY)
         return value / (cosine if value.ndim == cosine.ndim else cosine[..., None])
+
+
+def peel(brdf: Any) -> tuple[Any, Callable[[Any], Any]]:
+    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta.
+
+    Also for a batch of BRDFs whose leaves are numpy arrays: then the cosines are an array of the same shape.
+    """
+    if isinstance(brdf, Normalized):
+        core, inner = peel(brdf.lobe)
+        return core, lambda mu: brdf.scale() * inner(mu)
+    if isinstance(brdf, PerCosine):
+        core, inner = peel(brdf.base)
+        return core, lambda mu: inner(mu) / mu
+    return brdf, lambda mu: 1.0

@@ -1,0 +1,98 @@
+"""What a peer is: a rule that belongs to somebody else, and may not be installed."""
+
+from __future__ import annotations
+
+import abc
+import importlib
+import importlib.metadata
+import importlib.util
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck.quadrature.exact import host_evaluator
+from brdfcheck.quadrature.rule import AbstractRule, Raw
+
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+# A peer that is given a needle may refine without end: where to stop it.
+MAX_EVALUATIONS = 400_000
+
+
+class PeerMissing(ImportError):
+    """A peer's package is not installed; the message says what to do."""
+
+
+class BudgetSpent(Exception):
+    """A peer asked for more evaluations than it is allowed."""
+
+
+class AbstractPeer(AbstractRule):
+    """An integrator of another package. `package` is the name under which it is installed and imported."""
+
+    package: eqx.AbstractClassVar[str]
+
+    @classmethod
+    @abc.abstractmethod
+    def missing(cls) -> str | None:
+        """None where the peer can run; else a message that says what is missing."""
+
+    @abc.abstractmethod
+    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+        """As `integrate`, with the package there."""
+
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+        message = self.missing()
+        if message is not None:
+            raise PeerMissing(message)
+        return self.compute(core, mu, key)
+
+
+def not_installed(package: str) -> str | None:
+    """None where `package` can be imported; else what to install. Nothing is imported."""
+    if importlib.util.find_spec(package) is not None:
+        return None
+    return f"{package} is not installed: pip install 'brdfcheck[peers]'"
+
+
+def load(package: str) -> ModuleType:
+    """The package itself."""
+    return importlib.import_module(package)
+
+
+def version(package: str) -> str:
+    """The installed version of `package`, for records; "" where there is none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+class Integrand:
+    """f cos(theta) sin(theta) in numpy, at polar angles and azimuths; counts, and stops what runs away."""
+
+    def __init__(self, core: Callable[..., Any], mu: Float[Array, ""]):
+        self.theta = math.acos(float(mu))
+        self._evaluate = host_evaluator(core, np.array([math.sin(self.theta), 0.0, float(mu)]), mu.dtype)
+        self.evaluations = 0
+
+    def __call__(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        """Values of shape (k,) or (k, channels) at angles of shape (k,)."""
+        if self.evaluations + len(theta) > MAX_EVALUATIONS:
+            raise BudgetSpent
+        self.evaluations += len(theta)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        values = self._evaluate(np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=-1)).astype(float)
+        weight = sine * cosine
+        return values * (weight if values.ndim == 1 else weight[:, None])
+
+    def scalar(self, theta: float, phi: float) -> float:
+        """The value at one point; TypeError for a BRDF with channels."""
+        value = self(np.array([theta]), np.array([phi]))
+        if value.ndim != 1:
+            raise TypeError("this peer integrates scalar functions; the BRDF has channels")
+        return float(value[0])

@@ -1,0 +1,238 @@
+"""What a rule is: one signature for everything that estimates a directional albedo.
+
+``rule(brdf, cos_theta, *, key=None) -> Estimate``. A rule is an immutable value: its one field is its setting. Rules that
+are not `on_host` are pure JAX: they may be jitted, batched with `jax.vmap` and differentiated in the parameters of the
+BRDF and in cos_theta, and run in the precision of their arguments.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from brdfcheck.brdf import AbstractBRDF
+from brdfcheck.factors import peel
+from brdfcheck.quadrature.polar import safe_root
+
+# Directions evaluated together; bounds the memory of fine settings.
+_BLOCK = 2**16
+
+OK, NOT_REACHED, NOT_FINITE, NOT_KNOWN = range(4)
+MESSAGES = {
+    OK: "ok",
+    NOT_REACHED: "the tolerance was not reached: allow more evaluations or ask for less",
+    NOT_FINITE: "the BRDF or the sum was not finite",
+    NOT_KNOWN: "no closed form is known at this cosine: use another rule",
+}
+
+
+class Estimate(eqx.Module):
+    """A directional albedo as one rule sees it; never clamped.
+
+    `value` has the shape of cos_theta, with a trailing axis for channels. `error` is what the rule claims for itself, of
+    the same shape: the standard error of a Monte Carlo rule, an estimated bound of a deterministic one, inf where the
+    rule claims nothing. `evaluations` counts evaluations of the BRDF for each cosine; `status` is a key of `MESSAGES`.
+    Both have the shape of cos_theta.
+    """
+
+    value: Float[Array, "..."]
+    error: Float[Array, "..."]
+    evaluations: Int[Array, "..."]
+    status: Int[Array, "..."]
+
+
+class Raw(eqx.Module):
+    """What one rule finds for one cosine: value and error of shape () or (channels,)."""
+
+    value: Any
+    error: Any
+    evaluations: Any
+    status: Any = OK
+
+
+class AbstractRule(eqx.Module):
+    """A way to estimate the directional albedo, with one setting.
+
+    Arrays of cosines are worked off one after another, with independent randomness. Raises ValueError for cosines
+    outside [0, 1] and where a rule with chance in it gets no `key`; TypeError where the rule does not take the BRDF, the
+    key is not one of `jax.random.key`, or a rule that runs on the host is traced.
+    """
+
+    name: eqx.AbstractClassVar[str]
+    family: eqx.AbstractClassVar[str]
+    # Settings from cheap to accurate.
+    ladder: eqx.AbstractClassVar[tuple[Any, ...]]
+    # What the BRDF must offer, for messages.
+    needs: eqx.AbstractClassVar[str]
+    random: eqx.AbstractClassVar[bool]
+    on_host: eqx.AbstractClassVar[bool]
+
+    @abc.abstractmethod
+    def applies(self, core: Any, cos_theta: Any) -> bool:
+        """True where the rule can integrate `core`, a BRDF without wrappers; cos_theta is None for "at any"."""
+
+    @abc.abstractmethod
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+        """The albedo of a BRDF without wrappers at one cosine."""
+
+    @property
+    def setting_name(self) -> str:
+        """The name of the rule's field: "order", "samples", "tolerance"."""
+        return dataclasses.fields(self)[0].name
+
+    @property
+    def setting(self) -> Any:
+        """The value of the rule's field."""
+        return getattr(self, self.setting_name)
+
+    def takes(self, brdf: Any, cos_theta: Any = None) -> bool:
+        """True where the rule applies to this BRDF (at this cosine, if given; else at every one)."""
+        if not callable(brdf):
+            return False
+        core, _ = peel(brdf)
+        return self.applies(core, cos_theta)
+
+    def __call__(self, brdf: Callable[..., Any], cos_theta: Any, *, key: Any = None) -> Estimate:
+        brdf, mu = _of_one_type(brdf, cos_theta)
+        traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((brdf, mu)))
+        if not self.takes(brdf, mu):
+            raise TypeError(f"{self.name} needs {self.needs}; got {_called(brdf)}")
+        if self.on_host and traced:
+            raise TypeError(f"{self.name} runs on the host: call it outside jit, vmap and grad")
+        if self.random and key is None:
+            raise ValueError(f"{self.name} draws at random: give it key=jax.random.key(seed)")
+        if key is not None:
+            key = _checked_key(key)
+        core, scale = peel(brdf)
+        if not mu.ndim:
+            return self._estimate(core, scale, mu, key)
+        flat = mu.ravel()
+        keys = None if key is None else jax.random.split(key, flat.size)
+        if self.on_host or not flat.size:
+            rows = [self._estimate(core, scale, flat[i], None if keys is None else keys[i]) for i in range(flat.size)]
+            found = jax.tree.map(lambda *parts: jnp.stack(parts), *rows)
+        else:
+            found = jax.lax.map(lambda pair: self._estimate(core, scale, *pair), (flat, keys))
+        return jax.tree.map(lambda part: part.reshape(mu.shape + part.shape[1:]), found)
+
+    def _estimate(self, core: Any, scale: Callable[[Any], Any], mu: Array, key: Any) -> Estimate:
+        raw = self.integrate(core, mu, key)
+        factor = scale(mu)
+        value = jnp.asarray(raw.value, mu.dtype) * factor
+        finite = jnp.all(jnp.isfinite(value))
+        error = jnp.broadcast_to(jnp.asarray(raw.error, mu.dtype), value.shape) * jnp.abs(factor)
+        error = jnp.where(finite & ~jnp.isnan(error), error, jnp.inf)
+        # What a claim is worth has no derivative.
+        error = jax.lax.stop_gradient(error)
+        status = jnp.where(finite, raw.status, jnp.where(jnp.asarray(raw.status) == NOT_KNOWN, NOT_KNOWN, NOT_FINITE))
+        return Estimate(value, error, jnp.asarray(raw.evaluations), status)
+
+
+def checked_count(value: Any, name: str, lowest: int = 1) -> int:
+    """`value` as an int; ValueError where it is not a whole number of at least `lowest`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < lowest:
+        raise ValueError(f"{name} must be a whole number >= {lowest}; got {value!r}")
+    return int(value)
+
+
+def checked_tolerance(value: Any) -> float:
+    """`value` as a float; ValueError where it is not between 0 and 1."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0 < value < 1:
+        raise ValueError(f"tolerance must be a number between 0 and 1; got {value!r}")
+    return float(value)
+
+
+def light(mu: Float[Array, ""]) -> Float[Array, " 3"]:
+    """The direction to the light, at azimuth 0. At normal incidence its derivative is taken as 0."""
+    return jnp.stack([safe_root((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
+
+
+def on_sphere(sine: Array, cosine: Array, azimuth: Array) -> Float[Array, "... 3"]:
+    """Unit vectors from the sine and the cosine of the polar angle (shapes broadcast) and the azimuth."""
+    sine, cosine, azimuth = jnp.broadcast_arrays(sine, cosine, azimuth)
+    return jnp.stack([sine * jnp.cos(azimuth), sine * jnp.sin(azimuth), cosine], axis=-1)
+
+
+def evaluate(brdf: Callable[..., Any], wi: Float[Array, " 3"], wo: Float[Array, "k 3"], weight: Float[Array, " k"]) -> Array:
+    """f(wi, wo) times weight, shape (k,) or (k, channels)."""
+    values = jnp.asarray(brdf(jnp.broadcast_to(wi, wo.shape), wo)).astype(weight.dtype)
+    if values.ndim > weight.ndim:
+        weight = weight[..., None]
+    # A BRDF that is not finite where it does not count (below the horizon) is not asked there.
+    return jnp.where(weight == 0, 0, values * weight)
+
+
+def block_count(count: int, size: int = 1) -> int:
+    """Into how many equal blocks to cut `count` items of `size` evaluations each: the fewest that bound the memory."""
+    most = max(_BLOCK // size, 1)
+    if count <= most:
+        return 1
+    return next(blocks for blocks in range(-(-count // most), count + 1) if count % blocks == 0)
+
+
+def by_blocks(function: Callable[..., Any], tables: tuple[Array, ...], blocks: int) -> Any:
+    """`function` of equal pieces of `tables` along their leading axis, summed over the pieces."""
+    if blocks == 1:
+        return function(*tables)
+    pieces = tuple(table.reshape(blocks, -1, *table.shape[1:]) for table in tables)
+    found = jax.lax.map(lambda piece: function(*piece), pieces)
+    return jax.tree.map(lambda part: jnp.sum(part, axis=0), found)
+
+
+def bar(fine: Array, coarse: Array, epsilon: float) -> Array:
+    """The difference of two rules, and 32 roundings."""
+    return jnp.abs(fine - coarse) + 32 * epsilon * jnp.abs(fine)
+
+
+def _called(brdf: Any) -> str:
+    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
+    form = f" in the {core.form} form" if hasattr(core, "form") else ""
+    return getattr(core, "__name__", type(core).__name__) + form
+
+
+def _checked_key(key: Any) -> Any:
+    dtype = getattr(key, "dtype", None)
+    if dtype is not None and jnp.issubdtype(dtype, jax.dtypes.prng_key):
+        typed = key
+    elif dtype == np.uint32 and key.shape == (2,):
+        typed = jax.random.wrap_key_data(key)
+    else:
+        raise TypeError(f"key must be a key of jax.random.key; got {key!r}")
+    if typed.shape:
+        raise TypeError(f"key must be one key, not {typed.shape[0]}: use jax.vmap for a batch of keys")
+    return typed
+
+
+def _of_one_type(brdf: Any, cos_theta: Any) -> tuple[Any, Array]:
+    """Parameters and cosines in the wider of their types; a Python number takes the type of the parameters."""
+    if not isinstance(cos_theta, Tracer):
+        values = np.asarray(cos_theta)
+        if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
+            raise ValueError(f"cos_theta must be real numbers in [0, 1]; got {cos_theta!r}")
+        if not np.all((values >= 0) & (values <= 1)):  # also refuses NaN
+            raise ValueError(f"cos_theta must lie in [0, 1]; got {cos_theta}")
+    known = [] if not isinstance(brdf, AbstractBRDF) else jax.tree.leaves(brdf)
+    types = [leaf.dtype for leaf in known if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)]
+    if hasattr(cos_theta, "dtype") and jnp.issubdtype(cos_theta.dtype, jnp.floating) and not _weak(cos_theta):
+        types.append(cos_theta.dtype)
+    dtype = jnp.dtype(np.result_type(*types) if types else jnp.asarray(0.0).dtype)
+    if isinstance(brdf, AbstractBRDF):
+        brdf = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if _floating(leaf) else leaf, brdf)
+    return brdf, jnp.asarray(cos_theta).astype(dtype)
+
+
+def _weak(value: Any) -> bool:
+    return bool(getattr(value, "weak_type", False))
+
+
+def _floating(leaf: Any) -> bool:
+    return hasattr(leaf, "dtype") and bool(jnp.issubdtype(leaf.dtype, jnp.floating))
