@@ -10,15 +10,16 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
 FLOORS = [
-    {"geometry", "precision", "brdf", "family", "messages"},
-    {"lobes", "microfacet", "factors", "callables", "quadrature"},
+    {"geometry", "precision", "brdf", "family", "messages", "rational", "costs"},
+    {"lobes", "microfacet", "factors", "callables"},
+    {"quadrature"},
     {"catalog", "directional", "exact_factors", "minimax"},
-    {"tables", "pointwise"},
+    {"tables", "pointwise", "rules", "peers"},
     {"supremum", "side_checks"},
     {"verdict"},
-    {"records", "user_brdf", "fit"},
-    {"ladder", "sweep"},
-    {"console"},
+    {"records", "user_brdf", "fit", "surfaces"},
+    {"ladder", "lobe_error", "single", "work_precision", "stability", "sweep", "compact", "curves", "curve_files", "plots"},
+    {"console", "export", "studies"},
     {"cli"},
     {"__main__", "__init__"},
 ]

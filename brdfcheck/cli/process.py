@@ -12,12 +12,12 @@ from typing import Any, NoReturn
 import typer
 
 # Importing a command's module adds it to the app.
-from brdfcheck.cli import check, listing
+from brdfcheck.cli import check, fit, listing, plot, study, sweep
 from brdfcheck.cli.app import ExitCode, NothingToCheck, Task, app
 from brdfcheck.cli.output import discard
 from brdfcheck.messages import UsageError, one_line
 
-_COMMANDS = (check, listing)
+_COMMANDS = (check, fit, listing, plot, study, sweep)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -1,0 +1,201 @@
+"""``brdfcheck sweep``: albedos over a grid, into a Zarr store."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from brdfcheck.cli.app import Debug, ExitCode, Task, app, start
+from brdfcheck.cli.output import Output
+from brdfcheck.messages import UsageError
+
+if TYPE_CHECKING:
+    from brdfcheck.sweep import Plan, Progress
+
+# Without a terminal, a line so often (seconds).
+_EVERY = 10.0
+
+
+@app.command(
+    "sweep",
+    epilog="""\b
+Examples:
+  brdfcheck sweep config.toml --dry-run
+  brdfcheck sweep config.toml --out albedo.zarr
+  brdfcheck sweep config.toml --out albedo.zarr --scheduler tcp://10.0.0.1:8786
+
+\b
+config.toml:
+  brdf = "binomial-power-half"       # or mine.py:glossy, or a list of names
+  precision = ["float32", "float64"] # optional, like rule and rtol
+  [axes]
+  n = { geomspace = [1, 1000, 400] } # first, last, how many
+  cos_theta = { linspace = [0.05, 1, 90] }
+  k = [8, 16]                        # or one value: k = 16
+
+Interrupted or killed, the same command goes on where it was, and ends with the same bytes.
+A cluster is started with: dask scheduler; dask worker ADDRESS (extra "cluster").
+
+\b
+Exit codes:
+  0  the store is complete          3  disk full, damaged store, lost cluster
+  2  interrupted                    4  usage error""",
+)
+def _sweep(
+    config: Annotated[str, typer.Argument(metavar="CONFIG.toml", help="What to sweep over; see below.")],
+    out: Annotated[str | None, typer.Option(metavar="STORE", help="Folder of the Zarr store; begun or continued.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print size, cells and an estimate; create nothing.")] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="Write again what is damaged in the store.")] = False,
+    debug: Debug = False,
+) -> Task:
+    """Albedos over a grid of parameters and angles, into a Zarr store.
+
+    The store holds albedo, error, evaluations, and seconds per chunk; xarray.open_zarr opens it.
+    """
+    return Task(lambda: _run(config, out, scheduler, dry_run=dry_run, repair=repair), debug)
+
+
+def _run(config: str, out: str | None, scheduler: str | None, *, dry_run: bool, repair: bool) -> int:
+    if out is None and not dry_run:
+        raise UsageError("--out: say where the store shall be, as in --out albedo.zarr")
+    if out is not None and not out.strip():
+        raise UsageError("--out: the name is empty")
+    from brdfcheck.sweep.config import read_config
+
+    settings = read_config(config)
+    start()
+    output = Output(None)
+    from brdfcheck.sweep import Plan, SweepError, estimate, fill
+
+    with contextlib.redirect_stdout(sys.stderr):
+        try:
+            plan = Plan(settings)
+            start()  # a user's file may have changed the precision
+            for line in _description(plan):
+                output.line(line)
+            if dry_run:
+                guess = estimate(plan, out)
+                output.line(f"memory    {_bytes(guess.memory)} of results at a time")
+                if guess.found:
+                    output.line(f"found     {guess.found} of {plan.chunks} chunks are in {out}")
+                compiling = f", {_time(guess.compiling)} of it compiling" if guess.compiling >= 1 else ""
+                output.line(f"estimate  {_time(guess.seconds)} on this machine{compiling} (measured on a few cells)")
+                return ExitCode.PASSED
+            assert out is not None
+            with _progress(output, plan) as progress:
+                summary = fill(plan, out, scheduler=scheduler, repair=repair, progress=progress)
+        except SweepError as error:
+            with contextlib.suppress(OSError, ValueError):
+                print(f"brdfcheck: {error}", file=sys.stderr, flush=True)
+            return ExitCode.INTERNAL_ERROR
+        except KeyboardInterrupt:
+            if not dry_run:
+                with contextlib.suppress(OSError, ValueError):
+                    print("the chunks computed so far are kept: the same command goes on from here", file=sys.stderr)
+            raise
+    rate = f", {summary.cells / summary.seconds:.3g} cells/s" if summary.cells else ""
+    before = f", {summary.found} were there" if summary.found else ""
+    output.line(
+        f"{out}: complete; {summary.computed} of {plan.chunks} chunks computed in {_time(summary.seconds)}{rate}{before}"
+    )
+    if summary.repaired:
+        output.line(f"repaired  {summary.repaired} damaged or missing parts")
+    return ExitCode.PASSED
+
+
+def _description(plan: Plan) -> Iterator[str]:
+    shape = " x ".join(f"{dimension.name} {len(dimension)}" for dimension in plan.dimensions) or "one cell"
+    held = "".join(f", {name} = {plan.values(name)[0]}" for name in plan.held)
+    pieces = " x ".join(str(dimension.chunk) for dimension in plan.dimensions) or "1"
+    channels = "" if plan.channels is None else f", {plan.channels} channels"
+    yield f"axes      {shape}{channels}{held}"
+    yield f"cells     {plan.cells} in {plan.chunks} chunks of {pieces}"
+    yield f"size      {_bytes(plan.size(plan.cells))}"
+
+
+def _bytes(count: int) -> str:
+    amount, units = float(count), ["bytes", "kB", "MB", "GB", "TB", "PB"]
+    while amount >= 1000 and len(units) > 1:
+        amount /= 1000
+        units.pop(0)
+    return f"{amount:.3g} {units[0]}"
+
+
+def _time(seconds: float) -> str:
+    if seconds < 99.5:
+        return f"{seconds:.2g} s" if seconds < 9.95 else f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    days, hours = divmod(hours, 24)
+    return f"{f'{days} d ' if days else ''}{hours}:{minutes:02d}:{rest:02d}"
+
+
+@contextlib.contextmanager
+def _progress(output: Output, plan: Plan) -> Iterator[Callable[[Progress], None]]:
+    """A bar with rate and time left on a terminal, a line from time to time elsewhere."""
+    stream = next((stream for stream in (sys.stderr, output.human) if stream.isatty()), None)
+    if stream is None:
+        yield _lines(plan)
+        return
+    from rich import progress as rich
+    from rich.console import Console
+
+    bar = rich.Progress(
+        rich.SpinnerColumn(),
+        rich.TextColumn("sweeping"),
+        rich.BarColumn(bar_width=32),
+        rich.TaskProgressColumn(),
+        rich.TextColumn("{task.fields[chunks]} chunks, {task.fields[rate]}"),
+        rich.TimeRemainingColumn(),
+        rich.TextColumn("left"),
+        console=Console(file=stream),
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+        speed_estimate_period=300,
+    )
+    with bar:
+        task: Any = None
+        began = time.monotonic()
+
+        def show(progress: Progress) -> None:
+            nonlocal task
+            rate = _rate(progress, time.monotonic() - began)
+            chunks = f"{progress.chunks}/{plan.chunks}"
+            if task is None:
+                task = bar.add_task("", total=plan.cells, completed=progress.cells, chunks=chunks, rate=rate)
+            else:
+                bar.update(task, completed=progress.cells, chunks=chunks, rate=rate)
+
+        yield show
+
+
+def _rate(progress: Progress, seconds: float) -> str:
+    done = progress.cells - progress.cells_before
+    return f"{done / seconds:.3g} cells/s" if done and seconds else "starting"
+
+
+def _lines(plan: Plan) -> Callable[[Progress], None]:
+    began = said = time.monotonic()
+
+    def show(progress: Progress) -> None:
+        nonlocal said
+        now = time.monotonic()
+        done = progress.cells - progress.cells_before
+        if now - said < _EVERY and not (progress.cells == plan.cells and done):
+            return
+        said = now
+        left = (plan.cells - progress.cells) * (now - began) / done if done else 0.0
+        text = f"{progress.chunks} of {plan.chunks} chunks, {_rate(progress, now - began)}, {_time(left)} left"
+        with contextlib.suppress(OSError, ValueError):
+            print(text, file=sys.stderr, flush=True)
+
+    return show

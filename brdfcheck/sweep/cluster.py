@@ -1,0 +1,233 @@
+"""The same chunks on a Dask cluster: workers compute, the process with the store writes.
+
+Workers need this package, but no file of the user's and no shared file system: the configuration and the texts of users'
+files travel with the tasks. A task names its chunks and its results name them again, so it does not matter who computes
+what, how often, or in which order; Dask gives the tasks of a worker that dies to the others.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import functools
+import json
+import logging
+import queue
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from brdfcheck.messages import UsageError, one_line
+from brdfcheck.precision import use_compilation_cache
+from brdfcheck.sweep import config, provenance
+from brdfcheck.sweep.compute import Computer, Result
+from brdfcheck.sweep.errors import SweepError
+from brdfcheck.sweep.plan import Plan
+
+# Seconds to wait for an answer of the scheduler, for a first worker, for another worker once all have gone, and for the
+# transfer of a result.
+_ANSWER, _FIRST_WORKER, _NEW_WORKER, _RESULT = 5.0, 10.0, 30.0, 120.0
+# Results waiting for the store, for each thread of the cluster: what bounds the memory of the process that writes.
+_AHEAD = 2
+_INSTALL = "--scheduler needs Dask: pip install 'brdfcheck[cluster]'"
+
+
+# --- what runs on a worker ---
+
+
+class _WrongWorker(Exception):
+    """A worker whose software or device is not that of the process that writes."""
+
+
+_lock = threading.RLock()
+
+
+@functools.lru_cache(maxsize=4)
+def _computer(payload: str) -> Computer:
+    use_compilation_cache()
+    task = json.loads(payload)
+    folder = Path(tempfile.mkdtemp(prefix="brdfcheck-sweep-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    places = {}
+    for i, (path, texts) in enumerate(task["files"].items()):
+        (folder / str(i)).mkdir()
+        for name, text in texts.items():
+            (folder / str(i) / name).write_bytes(text.encode("latin-1"))
+        places[path] = folder / str(i) / Path(path).name
+    return Computer(Plan(config.parse(task["config"], folder=folder, label=task["label"]), places))
+
+
+def facts_here() -> dict[str, Any]:
+    """What this process would compute with, for comparison, and how many devices it has."""
+    import jax
+
+    return {**provenance.facts(), "devices": jax.local_device_count()}
+
+
+def compute_here(payload: str, facts: dict[str, Any], indices: Sequence[int]) -> list[Result]:
+    """The chunks of these numbers, computed in this process for the configuration in `payload`."""
+    differences = _compared(facts, provenance.facts())
+    if differences:
+        raise _WrongWorker("; ".join(differences))
+    with _lock:  # users' files are imported once
+        computer = _computer(payload)
+    plan = computer.plan
+    return [result for wave in plan.waves(indices, computer.width) for result in computer(wave)]
+
+
+def _compared(ours: dict[str, Any], theirs: dict[str, Any]) -> list[str]:
+    """In words, where a worker's software differs from that of this process."""
+    found = []
+    for name in ("versions", "device"):
+        for key in ours[name]:
+            if ours[name][key] != theirs[name].get(key):
+                found.append(f"{key}: the worker has {theirs[name].get(key, 'none')}, here it is {ours[name][key]}")
+    if not found and ours["source"] != theirs["source"]:
+        found.append("the source of brdfcheck is not the same")
+    return found
+
+
+# --- what runs where the store is ---
+
+
+class Cluster:
+    """The workers of the scheduler at `address`, as a context manager.
+
+    UsageError where Dask is not installed, no scheduler answers, it has no workers, or a worker has other software.
+    """
+
+    def __init__(self, address: str):
+        try:
+            import distributed
+        except ImportError:
+            raise UsageError(_INSTALL) from None
+        for name in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what it has to say is said here, in one line
+        self.address = address
+        self._client = _connected(distributed, address)
+        try:
+            self._devices = _checked_workers(self._client, address)
+        except BaseException:
+            _close(self._client)
+            raise
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _close(self._client)
+
+    def results(self, plan: Plan, indices: Sequence[int]) -> Iterator[Result]:
+        """The chunks of these numbers as they come, in any order, each once. SweepError where the cluster is lost."""
+        client, address = self._client, self.address
+        payload = json.dumps({"config": plan.config.document(), "label": plan.config.label, "files": plan.sources})
+        facts = provenance.facts()
+        batches = ([chunk.index for chunk in wave] for wave in plan.waves(indices, self._devices))
+        waiting: dict[Any, list[int]] = {}
+        finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        alive = time.monotonic()
+        while True:
+            while len(waiting) < _AHEAD * max(1, _threads(client)) and (batch := next(batches, None)) is not None:
+                future = client.submit(compute_here, payload, facts, batch, pure=False, retries=0)
+                waiting[future] = batch
+                future.add_done_callback(finished.put)
+            if not waiting:
+                return
+            try:
+                future = finished.get(timeout=1.0)
+            except queue.Empty:
+                if _threads(client):
+                    alive = time.monotonic()
+                elif time.monotonic() - alive > (_NEW_WORKER if client.status == "running" else _ANSWER):
+                    raise SweepError(_lost(client, address)) from None
+                continue
+            alive = time.monotonic()
+            results = _answer(client, future, address)
+            batch = waiting.pop(future)
+            assert [result.index for result in results] == batch
+            future.release()
+            yield from results
+
+
+def _connected(distributed: Any, address: str) -> Any:
+    if not address.strip():  # Dask would start a cluster of its own
+        raise UsageError("--scheduler: the address is empty; it looks like tcp://10.0.0.1:8786")
+    try:
+        return distributed.Client(address, timeout=_ANSWER, set_as_default=False)
+    except (OSError, TimeoutError):
+        raise UsageError(f"--scheduler: no scheduler answers at {address}; start one with: dask scheduler") from None
+    except (ValueError, TypeError) as error:
+        raise UsageError(f"--scheduler: {address!r} is no address, as in tcp://10.0.0.1:8786: {one_line(error)}") from None
+
+
+def _close(client: Any) -> None:
+    with contextlib.suppress(Exception):  # the scheduler may have gone
+        client.close(timeout=2)
+
+
+def _threads(client: Any) -> int:
+    """How many chunks the cluster computes at a time; 0 where it has no workers or does not answer."""
+    if client.status != "running":
+        return 0
+    try:
+        return sum(client.nthreads().values())
+    except (OSError, TimeoutError, asyncio.CancelledError):
+        return 0
+
+
+def _lost(client: Any, address: str) -> str:
+    what = "all workers have gone from the scheduler" if client.status == "running" else "lost the scheduler"
+    return f"{what} at {address}; the chunks computed so far are kept: run again to continue"
+
+
+def _answer(client: Any, future: Any, address: str) -> list[Result]:
+    """The results of a task that has ended."""
+    if future.status not in ("finished", "error"):  # cancelled or lost: the scheduler has gone
+        raise SweepError(_lost(client, address))
+    from distributed import KilledWorker
+
+    try:
+        return future.result(timeout=_RESULT)
+    except UsageError:
+        raise
+    except _WrongWorker as error:
+        raise UsageError(f"--scheduler: a worker of {address} does not fit: {error}") from None
+    except KilledWorker:
+        text = "one worker after another died while it computed the same chunk (out of memory?)"
+        raise SweepError(f"{text}; the chunks computed so far are kept: run again to continue") from None
+    except (OSError, TimeoutError, asyncio.CancelledError):
+        raise SweepError(_lost(client, address)) from None
+    except Exception as error:
+        if _is_missing(error):
+            raise UsageError(f"--scheduler: a worker of {address} has no such brdfcheck: {one_line(error)}") from None
+        raise SweepError(f"a worker of {address} failed: {type(error).__name__}: {one_line(error)}") from None
+
+
+def _is_missing(error: BaseException) -> bool:
+    """True where a worker could not import what it was to run; Dask wraps such errors in others."""
+    text = f"{type(error).__name__}: {error} {error.__cause__!r}"
+    return any(name in text for name in ("ModuleNotFoundError", "ImportError", "AttributeError"))
+
+
+def _checked_workers(client: Any, address: str) -> int:
+    """Wait for the first worker, compare all that are there with this process, and return the most devices one has."""
+    try:
+        client.wait_for_workers(1, timeout=_FIRST_WORKER)
+    except TimeoutError:
+        raise UsageError(f"--scheduler: {address} has no workers; start some with: dask worker {address}") from None
+    answers = client.run(facts_here, on_error="return")
+    ours = provenance.facts()
+    for worker, theirs in answers.items():
+        if isinstance(theirs, BaseException) and _is_missing(theirs):
+            raise UsageError(f"--scheduler: the worker {worker} has no such brdfcheck: {one_line(theirs)}")
+        if isinstance(theirs, BaseException):
+            raise SweepError(f"the worker {worker} does not answer: {type(theirs).__name__}: {one_line(theirs)}")
+        differences = _compared(ours, theirs)
+        if differences:
+            raise UsageError(f"--scheduler: the worker {worker} does not fit: {'; '.join(differences)}")
+    return max((theirs["devices"] for theirs in answers.values()), default=1)

@@ -1,0 +1,162 @@
+"""Running a sweep: what is missing in the store is computed, here or on a cluster, and written chunk by chunk."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brdfcheck.sweep.compute import Computer, Result
+from brdfcheck.sweep.config import Config, read_config
+from brdfcheck.sweep.plan import Plan
+from brdfcheck.sweep.store import Store
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a sweep has come: cells and chunks in the store, and how many of them were there when it began."""
+
+    cells: int
+    chunks: int
+    cells_before: int
+    chunks_before: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run did: chunks and cells computed by it and found by it, files repaired, seconds; `compiling` is part of it.
+
+    On a cluster `compiling` is 0: the workers keep no count.
+    """
+
+    computed: int
+    found: int
+    cells: int
+    repaired: int
+    seconds: float
+    compiling: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a sweep would take: seconds for what is not yet in the store, of which `compiling`, both estimated.
+
+    `memory`: bytes of the chunks in hand at a time. `size`: bytes of the finished store. `found`: chunks that are there.
+    """
+
+    seconds: float
+    compiling: float
+    memory: int
+    size: int
+    found: int
+
+
+def fill(
+    plan: Plan,
+    out: str | os.PathLike[str],
+    *,
+    scheduler: str | None = None,
+    repair: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> Summary:
+    """Compute the chunks of `plan` that the store `out` lacks, and write them. Raises UsageError and SweepError.
+
+    `scheduler`: the address of a Dask scheduler; without one, the devices of this machine. `progress` is called at the
+    beginning and after each chunk.
+    """
+    began = time.perf_counter()
+    computer = None
+    with contextlib.ExitStack() as stack:
+        cluster = None
+        if scheduler is not None:  # a wrong address leaves no empty store behind
+            from brdfcheck.sweep.cluster import Cluster
+
+            cluster = stack.enter_context(Cluster(scheduler))
+        store = stack.enter_context(Store(out, plan, repair=repair))
+        missing = [index for index in range(plan.chunks) if index not in store.done]
+        found, cells_found = len(store.done), sum(plan.chunk(index).cells for index in store.done)
+        cells = cells_found
+
+        def say() -> None:
+            if progress is not None:
+                progress(Progress(cells, len(store.done), cells_found, found))
+
+        say()
+        if missing:
+            results: Iterator[Result]
+            if cluster is None:
+                computer = Computer(plan)
+                results = itertools.chain.from_iterable(map(computer, plan.waves(missing, computer.width)))
+            else:
+                results = cluster.results(plan, missing)
+            for result in results:
+                store.write(result)
+                cells += plan.chunk(result.index).cells
+                say()
+        seconds = time.perf_counter() - began
+        compiling = computer.compiling if computer is not None else 0.0
+        return Summary(len(missing), found, cells - cells_found, store.repaired, seconds, compiling)
+
+
+def run_sweep(
+    config: str | os.PathLike[str] | Config,
+    out: str | os.PathLike[str],
+    *,
+    scheduler: str | None = None,
+    repair: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> xarray.Dataset:
+    """Albedos over a grid of parameters, angles and settings, written to the Zarr store `out` and opened by xarray.
+
+    `config`: a TOML file (see `brdfcheck.sweep.config`) or a `Config`. The dataset has the dimensions of the configuration:
+    `albedo` and `error` (with a trailing `channel` for RGB), `evaluations`, and `seconds` over the grid of chunks. What is
+    in the store already is kept: interrupted at any moment and called again, it ends with the same bytes.
+
+    Raises UsageError for a configuration that is wrong or does not match the store, SweepError where the disk is full,
+    the store is damaged (`repair` mends it), or the cluster at `scheduler` is lost.
+    """
+    import xarray
+
+    plan = Plan(config if isinstance(config, Config) else read_config(Path(config)))
+    fill(plan, out, scheduler=scheduler, repair=repair, progress=progress)
+    return xarray.open_zarr(os.fspath(out), chunks=None)
+
+
+def estimate(plan: Plan, out: str | os.PathLike[str] | None) -> Estimate:
+    """Measure a little of a sweep to say what all of it would take. Creates nothing.
+
+    Raises what the sweep would raise for a store that is there and does not fit.
+    """
+    found: set[int] = set()
+    if out is not None:
+        store = Store(out, plan)
+        store.look()
+        found = store.done
+    computer = Computer(plan)
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    programs: dict[tuple[Any, ...], set[Any]] = {}
+    for index in range(plan.chunks):
+        if index in found:
+            continue
+        chunk = plan.chunk(index)
+        settings = plan.settings(plan.combination(chunk))
+        kind = tuple(settings[name] for name in ("brdf", "rule", "precision"))
+        kinds.setdefault(kind, []).append(index)
+        programs.setdefault(kind, set()).add(plan.program(chunk))
+    seconds = compiling = 0.0
+    for kind, indices in kinds.items():
+        chunk = plan.chunk(indices[len(indices) // 2])
+        compile_one, per_cell = computer.sample(chunk)
+        compiling += compile_one * len(programs[kind])
+        seconds += per_cell * sum(plan.chunk(index).cells for index in indices) / computer.lanes(chunk)
+    return Estimate(
+        seconds + compiling, compiling, plan.size(plan.chunk_cells) * computer.width, plan.size(plan.cells), len(found)
+    )

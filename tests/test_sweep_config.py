@@ -1,0 +1,204 @@
+"""Configurations of a sweep: what they mean, and one clear line for everything that can be wrong with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brdfcheck.messages import UsageError
+from brdfcheck.sweep import Plan, parse, read_config
+
+GOOD = {"brdf": "phong", "axes": {"n": [1, 10], "cos_theta": {"linspace": [0.5, 1, 3]}}}
+
+
+def test_axes_by_linspace_geomspace_list_and_value(tmp_path):
+    (tmp_path / "c.toml").write_text("""
+brdf = "BinomialPower"
+rule = "exact-azimuth"
+precision = ["float32", "float64"]
+[axes]
+n = { geomspace = [1, 1000, 4] }
+k = [8, 16]
+form = "mirror"
+"cos theta" = { linspace = [0, 1, 5] }
+[chunks]
+cos_theta = 2
+""")
+    plan = Plan(read_config(tmp_path / "c.toml"))
+    assert [dimension.name for dimension in plan.dimensions] == ["precision", "n", "k", "cos_theta"]
+    assert plan.shape == (2, 4, 2, 5)
+    assert plan.grid[2:] == (2, 3)
+    np.testing.assert_allclose(plan.values("n"), [1, 10, 100, 1000], rtol=1e-15)
+    np.testing.assert_array_equal(plan.values("cos_theta"), [0, 0.25, 0.5, 0.75, 1])
+    assert plan.values("k").dtype == np.int64
+    assert list(plan.held) == ["brdf", "rule", "form"]
+    assert plan.settings((0, 0, 1, 1, 0)) == {
+        "brdf": "BinomialPower", "rule": "zonal", "precision": "float64", "k": 16, "form": "mirror",
+    }  # fmt: skip
+
+
+def test_a_document_is_read_back_as_it_was():
+    config = parse({**GOOD, "rtol": [1e-6, 1e-9], "chunks": {"n": 1}})
+    assert parse(config.document()).document() == config.document()
+
+
+BAD = [
+    ({"axes": GOOD["axes"]}, "no BRDF given"),
+    ({"brdf": "phong"}, "no axis cos_theta"),
+    ({"brdf": "phong", "axes": {"cos_theta": 1.0}}, "phong needs an axis 'n'"),
+    ({**GOOD, "bogus": 1}, "unknown key 'bogus'"),
+    ({**GOOD, "axes": [1]}, "must be a table"),
+    ({**GOOD, "brdf": "fong"}, "did you mean"),
+    ({**GOOD, "brdf": ["phong", "phong"]}, "'phong' is given twice"),
+    ({**GOOD, "brdf": 3}, "must be a name"),
+    ({**GOOD, "brdf": "missing.py:f"}, "there is no file"),
+    ({**GOOD, "rule": "simpson"}, "unknown rule 'simpson'; allowed: default, "),
+    ({**GOOD, "rule": "half-vector"}, "phong does not fit the rule 'half-vector', which needs "),
+    ({**GOOD, "rule": "gauss-product:many"}, "the setting of 'gauss-product:many'"),
+    ({**GOOD, "rule": "adaptive:7"}, "tolerance must be a number between 0 and 1"),
+    ({**GOOD, "seed": -1}, "seed: must be a whole number from 0"),
+    ({**GOOD, "precision": "float16"}, "unknown precision 'float16'"),
+    ({**GOOD, "rtol": 0}, "rtol: must lie above 0"),
+    ({**GOOD, "rtol": "tiny"}, "must hold numbers"),
+    ({**GOOD, "chunks": {"q": 2}}, "there is no such axis"),
+    ({**GOOD, "chunks": {"n": 0}}, "at least 1"),
+    ({**GOOD, "chunks": 3}, "must be a table of sizes"),
+    ({**GOOD, "precision": ["float32", "float64"], "chunks": {"precision": 2}}, "chunks.precision: must be 1"),
+]
+BAD_AXES = [
+    ({"q": [1.0]}, "unknown axis 'q': phong takes n"),
+    ({"albedo": [1.0]}, "the store uses the name 'albedo' itself"),
+    ({"k": [2]}, "unknown axis 'k'"),
+    ({"n": []}, "axes.n: the axis is empty"),
+    ({"n": {"list": []}}, "axes.n: the axis is empty"),
+    ({"n": {"linspace": [1, 2, 0]}}, "axes.n.linspace: the axis is empty"),
+    ({"n": {"linspace": [1, 2]}}, "must be [first, last, how many]"),
+    ({"n": {"linspace": [1, 2, 2.5]}}, "must be a whole number"),
+    ({"n": {"linspace": [1, 2, True]}}, "must be a whole number"),
+    ({"n": {"linspace": [1, 2, -3]}}, "must be a whole number"),
+    ({"n": {"linspace": [1, 2, 10**12]}}, "at most"),
+    ({"n": {"linspace": [-1e308, 1e308, 5]}}, "must be finite"),
+    ({"n": {"linspace": [1, float("inf"), 3]}}, "must be finite; got inf"),
+    ({"n": {"geomspace": [0, 10, 3]}}, "must be above 0; got 0"),
+    ({"n": {"geomspace": [1, -10, 3]}}, "must be above 0; got -10"),
+    ({"n": {"logspace": [0, 1, 3]}}, "must have exactly one of linspace, geomspace, list, values"),
+    ({"n": {"linspace": [0, 1, 3], "list": [1]}}, "must have exactly one of"),
+    ({"n": {}}, "must have exactly one of"),
+    ({"n": {"list": 3}}, "list must be a list"),
+    ({"n": [1.0, float("nan")]}, "must be finite; got nan"),
+    ({"n": [1.0, float("inf")]}, "must be finite; got inf"),
+    ({"n": [1, 10**400]}, "is too large"),
+    ({"n": [1.0, "two"]}, "must hold numbers; got 'two'"),
+    ({"n": [1.0, True]}, "must hold numbers; got True"),
+    ({"n": [1.0, [2.0]]}, "must hold numbers"),
+    ({"n": [-1.0]}, "n must be a finite number >= 0; got -1"),
+    ({"cos_theta": [0.5, 1.5]}, "axes.cos_theta: must lie in [0, 1]; got 1.5"),
+    ({"cos_theta": [-0.1]}, "must lie in [0, 1]; got -0.1"),
+    ({"cos_theta": ["steep"]}, "must hold numbers"),
+    ({"cos_theta": []}, "axes.cos_theta: the axis is empty"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("document", "message"), [*BAD, *(({**GOOD, "axes": {**GOOD["axes"], **axes}}, text) for axes, text in BAD_AXES)]
+)
+def test_what_is_wrong_is_said_in_one_line(document, message, tmp_path):
+    with pytest.raises(UsageError) as error:
+        Plan(parse(document, folder=tmp_path, label="c.toml"))
+    assert str(error.value).startswith("c.toml: ")
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("brdf", "axes", "message"),
+    [
+        ("binomial-power-half", {"k": [3]}, "k must be a positive even integer; got 3"),
+        ("BinomialPower", {"k": {"linspace": [2, 4, 4]}}, "axes.k: must be whole numbers"),
+        ("BinomialPower", {"form": ["upside-down"]}, "form must be one of mirror, half"),
+        ("Lyon", {"w": [40]}, "w must be an integer from 1 to 16; got 40"),
+        (["phong", "lambert"], {}, "unknown axis 'n': lambert takes reflectance"),
+    ],
+)
+def test_parameters_a_lobe_refuses(brdf, axes, message):
+    with pytest.raises(UsageError, match=message.split(";")[0].replace("(", ".")):
+        Plan(parse({"brdf": brdf, "axes": {**GOOD["axes"], **axes}}))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"brdf = ", "is not TOML"),
+        (b"brdf = 'phong'\nbrdf = 'ggx'", "is not TOML"),
+        (b"\xff\xfe\x00", "is not a text file in UTF-8"),
+        (b"", "no BRDF given"),
+        (b"brdf = 'phong'\n[axes]\nn = [1, nan]\ncos_theta = 1", "axes.n: the values must be finite; got nan"),
+        (
+            b"brdf = 'phong'\nn = [1]\n",
+            "unknown key 'n'; allowed: brdf, rule, precision, rtol, seed, axes, chunks; axes go below",
+        ),
+    ],
+)
+def test_files_that_are_no_configuration(text, message, tmp_path):
+    (tmp_path / "c.toml").write_bytes(text)
+    with pytest.raises(UsageError) as error:
+        read_config(tmp_path / "c.toml")
+    assert message in str(error.value)
+
+
+def test_files_that_are_not_there(tmp_path):
+    with pytest.raises(UsageError, match="there is no file"):
+        read_config(tmp_path / "c.toml")
+    with pytest.raises(UsageError, match="is a folder"):
+        read_config(tmp_path)
+
+
+USER = """
+import numpy as np
+import jax.numpy as jnp
+from brdfcheck import Phong
+
+def glossy(n, ks=0.5, sheen: int = 1):
+    def f(wi, wo):
+        return ks * sheen * wo[..., 2] ** n
+    return f
+
+def lobe(n):
+    return Phong(n)
+
+def raises(wi, wo):
+    raise RuntimeError("no such thing")
+
+def plain(wi, wo, n):
+    return wo[..., 2] ** n
+
+number = 3
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "axes", "message"),
+    [
+        ("mine.py:glossy", {"n": [1.0], "q": [1.0]}, "has no parameter 'q'"),
+        ("mine.py:glossy", {}, "the parameter n must be an axis or a held value"),
+        ("mine.py:glossy", {"n": [1.0], "sheen": [1.5]}, "axes.sheen: must be whole numbers; got 1.5"),
+        ("mine.py:nothing", {}, "has no object 'nothing'"),
+        ("mine.py:number", {}, "is not callable"),
+        ("mine.py:raises", {}, "RuntimeError: no such thing"),
+        ("broken.py:f", {}, "SyntaxError"),
+    ],
+)
+def test_users_brdfs_that_do_not_fit(name, axes, message, tmp_path):
+    (tmp_path / "mine.py").write_text(USER)
+    (tmp_path / "broken.py").write_text("def f(:\n")
+    with pytest.raises(UsageError) as error:
+        Plan(parse({"brdf": name, "axes": {"cos_theta": [0.5], **axes}}, folder=tmp_path))
+    assert message in str(error.value)
+
+
+def test_users_brdfs_are_found_beside_the_configuration(tmp_path):
+    (tmp_path / "mine.py").write_text(USER)
+    for name, engine in (("mine.py:glossy", "adaptive"), ("mine.py:lobe", "table"), ("mine.py:plain", "adaptive")):
+        plan = Plan(parse({"brdf": name, "axes": GOOD["axes"]}, folder=tmp_path))
+        assert plan.engine((0,) * len(plan.static)) == engine
+        assert list(plan.document()["files"]["mine.py"]) == ["mine.py"]
