@@ -97,7 +97,8 @@ class AlbedoFit:
     """E(parameter, mu) as a rational function. Arguments outside the fitted ranges are moved to their ends.
 
     `max_error`: the largest absolute error seen on the `checked` grid and around its worst point `where`, plus the bar of the
-    albedo itself (`table_error`). `rms_error`: over the same grid. `denominator_bound`: proven lower bound of the denominator
+    albedo itself (`table_error`). `relative_error`: the largest error relative to the albedo, which is met where the albedo is
+    small, towards grazing incidence; `rms_error`: both over the same grid. `denominator_bound`: proven lower bound of the denominator
     on the whole square, whose largest coefficient is `denominator_scale`; positive, so there is no pole.
     """
 
@@ -113,6 +114,7 @@ class AlbedoFit:
     surface: RationalSurface
     degree: tuple[int, int]
     max_error: float
+    relative_error: float
     rms_error: float
     table_error: float
     where: Mapping[str, float]
@@ -161,6 +163,7 @@ class AlbedoFit:
             "coefficients": self.coefficients,
             "flops": self.flops,
             "max_error": self.max_error,
+            "relative_error": self.relative_error,
             "rms_error": self.rms_error,
             "table_error": self.table_error,
             "where": dict(self.where),
@@ -320,6 +323,7 @@ class _Problem:
             surface=surface,
             degree=degree,
             max_error=float(near[k, m] if worst else total[i, j]),
+            relative_error=float(np.max(error / np.maximum(np.abs(self.finer_values), np.finfo(float).tiny))),
             rms_error=float(np.sqrt(np.mean(error**2))),
             table_error=float(np.max(self.finer_errors)),
             where={sample.parameter: float(place[0]), "cos_theta": float(place[1])},

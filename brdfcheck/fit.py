@@ -42,8 +42,8 @@ SAMPLINGS: tuple[Sampling, ...] = ("geometric", "linear", "integers")
 _ROUNDS = 8
 # In units of the largest exponent. Beyond it (n+A)/B is a constant in all but name.
 _LARGEST_A = 1e6
-# Below this the best factor of a form loses more of the light than it keeps.
-_WASTEFUL = 0.5
+# Below this a factor loses so much of the light that the reader is told why.
+_WASTEFUL = 0.7
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,10 @@ def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:
         return brdf
     if isinstance(brdf, AbstractZonalLobe) and hasattr(brdf, "n"):
         return Normalized(brdf, factor)
-    return _Scaled(brdf, factor, n) if isinstance(brdf, AbstractBRDF) else lambda wi, wo: np.asarray(factor(n)) * brdf(wi, wo)
+    if isinstance(brdf, AbstractBRDF):
+        return _Scaled(brdf, factor, n)
+    # A function stays what it was: one that JAX can trace, or one of numpy.
+    return lambda wi, wo: factor(jnp.asarray(n)) * brdf(wi, wo)
 
 
 class _Scaled(AbstractBRDF):
@@ -282,6 +285,17 @@ def _one_point(n: float, albedo: float) -> Factor:
     return Factor(0.0, n * albedo) if n > 0 else Factor(1.0, albedo)
 
 
+def _one_point_form(degrees: tuple[int, ...], n: float, albedo: float) -> AbstractFactor:
+    """Any form of factor over a range of one exponent, where its value there is all that counts."""
+    if degrees == (0, 0) or (degrees == (1, 0, 1) and n == 0):
+        return Constant(1 / albedo)
+    if degrees == (1, 0, 1):
+        return Proportional(n * albedo)
+    if degrees == (1, 0):
+        return _one_point(n, albedo)
+    return RationalFactor([1 / albedo] + [0.0] * degrees[0], [1.0] + [0.0] * degrees[1])
+
+
 def _step(raw: RawAlbedo, factor: AbstractFactor, note: str) -> Step:
     grid = raw.grid()
 
@@ -301,8 +315,8 @@ def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int], *,
     ceiling = _ceiling(raw)
     factor: AbstractFactor | None = None
     for _ in range(_ROUNDS):
-        if raw.low == raw.high and degrees == (1, 0):
-            factor = _one_point(raw.low, float(max(np.append(ceiling.albedo, raw(np.array([raw.low]))))))
+        if raw.low == raw.high:
+            factor = _one_point_form(degrees, raw.low, float(max(np.append(ceiling.albedo, raw(np.array([raw.low]))))))
             history.append(_step(raw, factor, "one exponent"))
         else:
             best, steps = best_rational(raw, raw.grid(), degrees, ceiling, rounds=8 if raw.fast else 2)
@@ -418,6 +432,12 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any]) -> str:
         return (
             f"{text}: at {angle:.4g} degrees the lobe reflects {tilted / normal:.4g} times what it reflects at normal incidence"
             f" (n={at['n']:.5g}), and a factor of n alone cannot level angles"
+        )
+    low, high = (float(value) for value in raw(np.array([raw.low, raw.high])))
+    if high > low:
+        return (
+            f"{text}: the raw albedo does not fall with n ({low:.4g} at n={raw.low:g}, {high:.4g} at n={raw.high:g}), and of the"
+            " factors that do not fall with n, B > 0, the best is a constant in all but name"
         )
     places = np.unique([raw.low, where, raw.high])
     products = places * raw(places)

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck import costs
 from brdfcheck.factors import AbstractFactor
 from brdfcheck.fit import RawAlbedo, closed_form, fit_form
 from brdfcheck.minimax import spread
@@ -33,21 +34,6 @@ FORMS: tuple[tuple[str, tuple[int, ...]], ...] = (
 )
 CLOSED_FORM = "closed form"
 
-# Primitives of a compiled program that compute nothing.
-_FREE = frozenset(
-    (
-        "broadcast_in_dim",
-        "convert_element_type",
-        "copy",
-        "reshape",
-        "squeeze",
-        "slice",
-        "stop_gradient",
-        "select_n",
-        "pjit",
-        "jit",
-    )
-)
 _EXPONENTS = 1_000_000
 _REPEATS = 7
 
@@ -116,27 +102,7 @@ def operations(factor: AbstractFactor) -> int:
     Counted in the traced program with the constants folded in, as a shader compiler would.
     """
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf).item() if np.ndim(leaf) == 0 else leaf, factor)
-    traced = jax.make_jaxpr(lambda n: numbers(n))(jnp.asarray(2.0))
-    return _count(traced.jaxpr)
-
-
-def _count(jaxpr: Any) -> int:
-    # What depends on constants only is computed once, by the compiler.
-    varying = set(map(id, jaxpr.invars))
-    total = 0
-    for equation in jaxpr.eqns:
-        if not any(id(variable) in varying for variable in equation.invars):
-            continue
-        varying.update(map(id, equation.outvars))
-        inner = [part for part in equation.params.values() if hasattr(part, "jaxpr")]
-        if inner:
-            total += sum(_count(part.jaxpr) for part in inner)
-        elif equation.primitive.name == "integer_pow":
-            power = abs(int(equation.params["y"]))
-            total += power.bit_length() - 1 + power.bit_count() - 1 + (equation.params["y"] < 0)
-        elif equation.primitive.name not in _FREE:
-            total += int(np.prod(equation.outvars[0].aval.shape))
-    return total
+    return costs.operations(lambda n: numbers(n)).total()
 
 
 def cost(factor: Callable[[Any], Any], n: tuple[float, float] = (1, 1000)) -> float:

@@ -37,13 +37,13 @@ class AlbedoGrid:
 
 
 def formula_of(family: Family) -> str:
-    """The catalogue's formula of a family, empty where it is not of the catalogue; with a note where its factor was replaced."""
+    """The catalogue's formula of a family, with a note where its factor was replaced; empty for what is not in the catalogue."""
     entry = next((entry for entry in catalog.entries() if entry.name == family.name), None)
     if entry is None:
         return ""
     if entry.family.build is family.build:
         return entry.formula
-    return f"the lobe of {entry.formula}, with a factor of its own"
+    return f"{entry.formula}, its factor replaced by the one named below"
 
 
 def one_parameter_family(

@@ -76,17 +76,18 @@ def plot(record: dict[str, Any]) -> Any:
                     frontier.append(place)
                     best = place[1]
             axes.plot(*zip(*frontier, strict=True), color=color, linewidth=1.6, zorder=2)
-            for rung, place in zip(result["rungs"], places, strict=True):
+            letters: dict[tuple[float, float], str] = {}
+            for rung, place in zip(result["rungs"], places, strict=True):  # an exact factor may be two forms in one place
+                letters[place] = letters.get(place, "") + LETTERS[rung["form"]]
+            for place, letter in letters.items():
                 axes.plot(*place, marker="o", markersize=11, color="white", markeredgecolor=color, zorder=3)
-                axes.annotate(
-                    LETTERS[rung["form"]], place, ha="center", va="center_baseline", fontsize=7.5, color=ink(color), zorder=4
-                )
+                axes.annotate(letter, place, ha="center", va="center_baseline", fontsize=7.5, color=ink(color), zorder=4)
             axes.set_title(result["name"], fontsize=9)
             axes.grid(True, which="major")
             axes.set(xscale="log", yscale="log", xlim=(0.6, 400), ylim=(FLOOR / 3, 3))
-            axes.set_xticks([1, 2, 3, 8, 12, 100], ["0", "1", "2", "7", "11", "99"], fontsize=7)
+            axes.set_xticks([1, 2, 3, 8, 12, 101], ["0", "1", "2", "7", "11", "100"], fontsize=7)
             axes.set_xticks([], minor=True)
-            axes.set_yticks([1e-7, 1e-6, 1e-4, 1e-2, 1], ["0", "10⁻⁶", "10⁻⁴", "1 %", "all"])
+            axes.set_yticks([1e-7, 1e-6, 1e-4, 1e-2, 1], ["0", "0.0001 %", "0.01 %", "1 %", "100 %"])
             axes.set_yticks([], minor=True)
         spare = list(grid.flat)[len(results) :]
         for axes in spare:
@@ -96,6 +97,7 @@ def plot(record: dict[str, Any]) -> Any:
         figure.supxlabel("operations of the factor", fontsize=10)
         figure.supylabel("largest share of light lost at normal incidence, n in [1, 1000]", fontsize=10)
         words = "\n".join(f"{letter}   {form}" for form, letter in LETTERS.items())
+        words += "\n\noff the line: a cheaper form\nloses no more"
         if spare:
             spare[0].annotate(words, (0.05, 0.95), xycoords="axes fraction", va="top", fontsize=9, linespacing=1.5)
         figure.tight_layout()
@@ -115,7 +117,7 @@ def summary(record: dict[str, Any]) -> str:
 
     def cost_cell(result: dict[str, Any], form: str) -> str:
         rung = next((rung for rung in result["rungs"] if rung["form"] == form), None)
-        return "-" if rung is None else f"{rung['operations']} / {rung['nanoseconds']:.2f}"
+        return "-" if rung is None else f"{rung['operations']} / {rung['nanoseconds']:.1f}"
 
     losses = table(("lobe", *forms), [(f"`{result['name']}`", *(cell(result, form) for form in forms)) for result in results])
     costs = table(

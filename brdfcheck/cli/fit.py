@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
+import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -232,6 +234,10 @@ def _lines(fit: FactorFit) -> list[str]:
 def _copied(fit: FactorFit) -> str:
     """Constants with few digits that still conserve: the factor falls with B and rises with A."""
     a, b = float(fit.factor.A), float(fit.factor.B)  # pyright: ignore[reportAttributeAccessIssue]
+    if a > 1e5 * max(fit.n[1], 1):
+        value = (fit.n[0] + a) / b
+        step = 10.0 ** (math.floor(math.log10(value)) - 4)
+        return f"the constant {math.floor(value / step + 1e-9) * step:.5g}  (rounded to the safe side; n makes no difference)"
     step = 10.0 ** (math.floor(math.log10(b)) - 5)
     # What a constant lies off a round number by rounding must not cost a digit.
     a, b = math.floor(a / step + 1e-6) * step, math.ceil(b / step - 1e-6) * step
@@ -252,7 +258,7 @@ def _ladder_lines(rungs: Sequence[Rung]) -> list[str]:
                 rung.form,
                 str(rung.constants),
                 str(rung.operations),
-                f"{rung.nanoseconds:.2f}",
+                f"{rung.nanoseconds:.1f}" if rung.nanoseconds >= 0.1 else "<0.1",
                 lost,
                 "-" if lost == "none" else f"{rung.smallest_n:.5g}",
                 rung.verdict.name,
@@ -276,14 +282,16 @@ def _exported(kind: str, fit: FactorFit) -> Any:
     from brdfcheck.compact import fit_albedo
     from brdfcheck.surfaces import tabulate
 
-    return fit_albedo(fit.family) if kind in ("glsl", "c") else tabulate(fit.family)
+    content = fit_albedo(fit.family) if kind in ("glsl", "c") else tabulate(fit.family)
+    # Of a function it cannot be seen that a factor is on it.
+    return dataclasses.replace(content, factor=fit.factor, factored=True)
 
 
 def _write(export: tuple[str, str], content: Any, fit: FactorFit, words: Sequence[str], output: Output) -> str:
     from brdfcheck.export import c_snippet, glsl_snippet, write_table
 
     kind, path = export
-    command = " ".join(["brdfcheck", "fit", *words])
+    command = shlex.join(["brdfcheck", "fit", *words])
     if kind in ("glsl", "c"):
         snippet = glsl_snippet if kind == "glsl" else c_snippet
         text = snippet(content, fit.factor, command=command)

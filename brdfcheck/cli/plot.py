@@ -62,12 +62,14 @@ Examples:
   brdfcheck plot albedo-vs-n mine.py:glossy --over n=1:1000
   brdfcheck plot heatmap sweep.zarr
 
+\b
 Kinds:
   albedo-vs-n      the largest albedo over all angles against the parameter
   albedo-vs-angle  the albedo against cos theta, a few values of the parameter
   heatmap          the albedo over both
   factor           factors divided by the largest one that conserves energy
 
+\b
 Where a lobe exceeds 1, the interval is shaded and its ends are printed. A FILE is
 what plot --json, fit --json or study wrote, or the folder of a sweep.""",
 )

@@ -96,7 +96,7 @@ def _list(known: dict[str, Study], output: Output) -> int:
         raise NothingToCheck("this installation has no studies; they are in the repository's folder studies/")
     width = max(map(len, known))
     for study in known.values():
-        output.line(f"{study.name:<{width}}  {study.question}  {study.answer}")
+        output.line(f"{study.name:<{width}}  {study.question}")
     return ExitCode.PASSED
 
 

@@ -11,12 +11,18 @@ from brdfcheck.plots import exponent, paper
 from brdfcheck.plots.styles import Style, styles
 
 
+# Labels of more curves than these find no place beside the axes.
+_MOST = 40
+
+
 def figure(
     curves: Sequence[Mapping[str, Any]], *, scale: str | None, limits: tuple[float, float] | None, title: str | None
 ) -> Figure:
     """One curve a BRDF and value of its parameter: a colour a lobe, from light to dark along the parameter."""
     if scale == "log":
         raise ValueError("the cosine of incidence has a linear axis: it starts at 0")
+    if len(curves) > _MOST:
+        raise ValueError(f"{len(curves)} curves do not fit into one figure of angles, at most {_MOST} do: choose some of them")
     with paper.house_style():
         look = looks(curves)
         named = [{**curve, "label": _label(curve, curves)} for curve in curves]

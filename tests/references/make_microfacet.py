@@ -274,7 +274,34 @@ def check() -> None:
                 print(f"{where}: {value:.12f} +- {error:.0e}, over wo {plain - value:+.1e}")
 
 
+# The stability matrix: `--matrix`, for studies/stability.csv. Angles in degrees; 90 is the limit cos theta = 0, taken from
+# two cosines so small that the rest is covered by the error.
+MATRIX_LOBES = {
+    "cook-torrance": ("beckmann", "v-cavities"),
+    "beckmann-smith": ("beckmann", "smith-separable"),
+    "beckmann-smith-correlated": ("beckmann", "smith-correlated"),
+    "ggx": ("ggx", "smith-correlated"),
+}
+MATRIX_SIZES = (1e-3, 0.05, 0.1, 0.2, 0.4, 1.0, 2.0)
+MATRIX_ANGLES = (0.0, 1e-4, 45.0, 75.0, 85.0, 89.0, 89.99)
+
+
+def print_matrix() -> None:
+    """Rows for make_zonal's table: lobe,n,cos_theta,albedo,radius with the slope m as n. About ten minutes."""
+    for name, (distribution, masking) in MATRIX_LOBES.items():
+        for m in MATRIX_SIZES:
+            for mu in (math.cos(math.radians(angle)) for angle in MATRIX_ANGLES):
+                value, error = reference(distribution, masking, 1.0, m, mu)
+                print(f"{name},{m!r},{mu!r},{value!r},{error:.1e}", flush=True)
+            value, error = reference(distribution, masking, 1.0, m, 1e-10)
+            nearby, _ = reference(distribution, masking, 1.0, m, 1e-9)
+            print(f"{name},{m!r},0.0,{value!r},{max(error, 4 * abs(value - nearby)):.1e}", flush=True)
+
+
 def main(arguments: list[str]) -> None:
+    if "--matrix" in arguments:
+        print_matrix()
+        return
     if "--check" in arguments:
         check()
         return

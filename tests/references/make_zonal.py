@@ -25,8 +25,8 @@ The lobes: phong and schlick, kb (Kuijk-Blake) and ``*_mirror`` are functions of
 lyonW and binomialK functions of N.H. lyonW has exponent 2^W; binomialK is max(0, 1 + (n/K)(c - 1))^K, ``_unclamped``
 without the max.
 
-Options: ``--check [table.csv]`` verifies; ``--oracles table.csv`` copies the rows of another table of the same columns
-in front of those made here.
+Options: ``--check [table.csv]`` verifies; ``--matrix`` makes the rows of the stability study instead; ``--oracles
+table.csv`` copies the rows of another table of the same columns in front of those made here.
 """
 
 from __future__ import annotations
@@ -278,6 +278,17 @@ GENERAL = (
 LARGE = ((3e3, 0.3), (1e4, 1e-4), (3e4, 0.999999), (1e5, 0.45), (1e6, 1e-6), (1e7, 0.8), (1e7, 1.0), (1e7, 1e-5))
 
 
+# The stability matrix: `--matrix`, for studies/stability.csv. Angles in degrees; 90 is the limit cos theta = 0.
+MATRIX_N = (0.01, 1.0, 8.0, 16.0, 17.85, 32.0, 37.0, 54.63, 110.4, 1e3, 1e5, 1e7)
+MATRIX_ANGLES = (0.0, 1e-4, 45.0, 75.0, 85.0, 89.0, 89.99, 90.0)
+
+
+def matrix_rows() -> list[tuple[float, float]]:
+    """(n, cos theta) of the stability matrix."""
+    cosines = [0.0 if angle == 90 else math.cos(math.radians(angle)) for angle in MATRIX_ANGLES]
+    return [(n, mu) for n in MATRIX_N for mu in cosines]
+
+
 def support_of(name: str, n: float) -> list[float]:
     if name.startswith("kb"):
         return [(n + 5.6) / (n * (0.09 * n + 5.2)), (n + 65) / (5 * n + 31.7)]
@@ -424,6 +435,7 @@ def main(arguments: list[str]) -> None:
     if "--check" in arguments:
         check(arguments[1:])
         return
+    rows_for = (lambda name: matrix_rows()) if "--matrix" in arguments else rows_of
     print("lobe,n,cos_theta,albedo,radius")
     known: set[tuple[str, float, float]] = set()
     if "--oracles" in arguments:
@@ -434,7 +446,7 @@ def main(arguments: list[str]) -> None:
                     print(",".join(row))
     for name in LOBES:
         start = time.perf_counter()
-        for n, mu in dict.fromkeys(rows_of(name)):
+        for n, mu in dict.fromkeys(rows_for(name)):
             if (name, n, mu) in known:
                 continue
             text, radius = printed(albedo(name, n, mu))

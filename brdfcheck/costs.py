@@ -1,0 +1,130 @@
+"""What evaluating a formula costs: operations counted in its traced program, nanoseconds measured in a fused kernel."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+# Primitives of a compiled program that compute nothing.
+_FREE = frozenset(
+    (
+        "broadcast_in_dim",
+        "convert_element_type",
+        "copy",
+        "reshape",
+        "squeeze",
+        "slice",
+        "stop_gradient",
+        "select_n",
+        "pjit",
+        "jit",
+    )
+)
+# Values that stay in the cache, and evaluations for each of them on one pass: of a lobe of two operations the kernel then
+# measures the arithmetic, where a plain sum over 10^7 values would measure the memory.
+_BLOCK = 16384
+_UNROLLED = 8
+# Seconds after which a function has been timed enough, once it had that many rounds.
+_BUDGET = 1.2
+_LEAST_ROUNDS = 5
+_PARTS = 4
+
+
+def operations(function: Callable[[Any], Any]) -> Counter[str]:
+    """Arithmetic operations and elementary functions in one evaluation of a function of one number, by primitive.
+
+    Counted in the traced program with the constants folded in, as a shader compiler would. An integer power counts as the
+    multiplications (``mul``, and a ``div`` if negative) of its squarings; a choice between two values (``select``) is free.
+    """
+    return _count(jax.make_jaxpr(function)(jnp.asarray(2.0)).jaxpr)
+
+
+def _count(jaxpr: Any) -> Counter[str]:
+    # What depends on constants only is computed once, by the compiler.
+    varying = set(map(id, jaxpr.invars))
+    total: Counter[str] = Counter()
+    for equation in jaxpr.eqns:
+        if not any(id(variable) in varying for variable in equation.invars):
+            continue
+        varying.update(map(id, equation.outvars))
+        inner = [part for part in equation.params.values() if hasattr(part, "jaxpr")]
+        if inner:
+            for part in inner:
+                total += _count(part.jaxpr)
+        elif equation.primitive.name == "integer_pow":
+            power = abs(int(equation.params["y"]))
+            total["mul"] += power.bit_length() - 1 + power.bit_count() - 1
+            total["div"] += int(equation.params["y"] < 0)
+        elif equation.primitive.name not in _FREE:
+            total[equation.primitive.name] += int(np.prod(equation.outvars[0].aval.shape))
+    return +total
+
+
+class Kernel(NamedTuple):
+    """What `nanoseconds` times: a function of (values, *constants), elementwise, and the constants, traced numbers."""
+
+    function: Callable[..., Any]
+    constants: tuple[float, ...] = ()
+
+
+class Time(NamedTuple):
+    """Nanoseconds of one evaluation: of the fastest runs and of the median round, and the number of rounds."""
+
+    best: float
+    median: float
+    rounds: int
+
+
+def nanoseconds(
+    kernels: Mapping[str, Kernel], evaluations: int, dtype: Any, *, rounds: int, span: tuple[float, float] = (1e-3, 1.0)
+) -> dict[str, Time]:
+    """The time of one evaluation of each function in `dtype`; slow ones have fewer rounds.
+
+    The values fall evenly through `span` from its upper end. Each function is fused into a loop that adds up its values on
+    one core, and is compiled beforehand. A round takes the values in four parts, each timed by itself, and each function has
+    its turn in it: so what else the machine does falls upon all of them alike, and the fastest run of each part counts.
+    What the loop itself takes is included: pass the identity as a kernel to see it.
+    """
+    blocks = -(-evaluations // (_BLOCK * _UNROLLED * _PARTS))
+    part = blocks * _BLOCK * _UNROLLED
+    step = (span[1] - span[0]) / (part * _PARTS)
+    firsts = [jnp.asarray(span[1] - step * (start * part + np.arange(_BLOCK)), dtype) for start in range(_PARTS)]
+    stride = jnp.asarray(step * _BLOCK, dtype)
+    constants = {name: tuple(jnp.asarray(x, dtype) for x in kernel.constants) for name, kernel in kernels.items()}
+    programs = {name: _program(kernel.function, blocks) for name, kernel in kernels.items()}
+    for name, program in programs.items():
+        program(firsts[0], stride, constants[name]).block_until_ready()
+    taken: dict[str, list[list[float]]] = {name: [] for name in kernels}
+    for _ in range(rounds):
+        for name, program in programs.items():
+            if len(taken[name]) >= _LEAST_ROUNDS and np.sum(taken[name]) > _BUDGET:
+                continue
+            times = []
+            for first in firsts:
+                began = time.perf_counter()
+                program(first, stride, constants[name]).block_until_ready()
+                times.append(time.perf_counter() - began)
+            taken[name].append(times)
+    scale = 1e9 / (part * _PARTS)
+    return {
+        name: Time(scale * float(np.sum(np.min(t, 0))), scale * float(np.median(np.sum(t, 1))), len(t))
+        for name, t in taken.items()
+    }
+
+
+def _program(function: Callable[..., Any], blocks: int) -> Callable[..., Any]:
+    def sum_of_all(first: Any, stride: Any, constants: tuple[Any, ...]) -> Any:
+        def block(j: Any, sums: Any) -> Any:
+            for i in range(_UNROLLED):
+                sums = sums + function(first - stride * (j * _UNROLLED + i).astype(first.dtype), *constants)
+            return sums
+
+        return jnp.sum(jax.lax.fori_loop(0, blocks, block, jnp.zeros_like(first)))
+
+    return jax.jit(sum_of_all)

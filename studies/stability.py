@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""Where do quadrature rules hold, lose digits, lie or break, over every lobe, exponent, angle and precision?
+
+Command: ``brdfcheck study stability`` (or ``python studies/stability.py``). ANSWER_TIME on two cores.
+
+Answer: ANSWER
+
+The matrix: 18 lobes about an axis at 12 exponents from 0.01 to 10^7 and 4 microfacet lobes at 7 slopes from 0.001 to 2, each
+at 8 angles from 0 to 90 degrees, in float64 and float32. References: ball arithmetic and slope-space integrals, in
+stability.csv beside this file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+SETTINGS = {
+    "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "midpoint-product": 32, "gauss-product": 32,
+    "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 24, "half-vector": 24,
+}  # fmt: skip
+NAMES = ("holds", "loses digits", "lies", "breaks")
+COLORS = ("#DDEBDD", "#F5C86E", "#882255", "#222222")
+SMALL = ("phong", "kb", "ggx")
+
+
+def run(size: str = "full") -> dict[str, Any]:
+    """Outcomes of the production rule and of the others over the matrix, and false verdicts."""
+    import numpy as np
+
+    from brdfcheck import stability
+    from brdfcheck.quadrature import RULES
+
+    references = stability.read_references(Path(__file__).with_name("stability.csv"))
+    names = [name for name in references if size == "full" or name in SMALL]
+    methods: dict[str, Any] = {"production": stability.production}
+    for rule, setting in SETTINGS.items() if size == "full" else [("gauss-product", 32)]:
+        methods[f"{rule} {setting}"] = stability.of_rule(RULES[rule](setting))
+    results = []
+    for method, function in methods.items():
+        for name in names:
+            reference = references[name]
+            rule = method.split()[0]
+            if rule in RULES and not RULES[rule](SETTINGS[rule]).takes(stability.LOBES[name](1.0)):
+                continue
+            for dtype in (np.float64, np.float32):
+                got = stability.run(function, name, reference.parameters, reference.cosines, dtype)
+                found = stability.outcomes(got, reference, dtype)
+                with np.errstate(all="ignore"):
+                    error = np.abs(got.value - reference.albedo) / np.abs(reference.albedo)
+                results.append(
+                    {
+                        "method": method,
+                        "lobe": name,
+                        "dtype": dtype.__name__,
+                        "outcomes": ["".join(str(cell) for cell in row) for row in found],
+                        "worst_error": float(np.max(error, where=np.isfinite(error), initial=0)),
+                    }
+                )
+    verdicts = stability.false_verdicts(2000 if size == "full" else 40)
+    return {"settings": {"lobes": names}, "results": results, "summary": {"false_verdicts": verdicts}}
+
+
+def plot(record: dict[str, Any]) -> Any:
+    """A map for each method: lobes and exponents down, angles across, float64 left and float32 right."""
+    from brdfcheck import plots
+
+    methods = list(dict.fromkeys(result["method"] for result in record["results"]))
+    lobes = record["settings"]["lobes"]
+    rows = {lobe: max(len(result["outcomes"]) for result in record["results"] if result["lobe"] == lobe) for lobe in lobes}
+    height = sum(rows.values())
+    figure = plots.empty(1.35 * len(methods) + 2.2, 0.052 * height + 1.6)
+    with plots.house_style():
+        from matplotlib.colors import ListedColormap
+        from matplotlib.patches import Patch
+
+        grid = figure.subplots(1, len(methods), sharey=True, squeeze=False)[0]
+        for axes, method in zip(grid, methods, strict=True):
+            picture = [[float("nan")] * 16 for _ in range(height)]
+            for result in record["results"]:
+                if result["method"] == method:
+                    top = sum(rows[lobe] for lobe in lobes[: lobes.index(result["lobe"])])
+                    shift = 0 if result["dtype"] == "float64" else 8
+                    for line, cells in enumerate(result["outcomes"]):
+                        for column, cell in enumerate(cells):
+                            picture[top + line][shift + column] = float(cell)
+            axes.imshow(picture, aspect="auto", cmap=ListedColormap(COLORS), vmin=-0.5, vmax=3.5, interpolation="nearest")
+            axes.axvline(7.5, color="black", linewidth=0.8)
+            place = 0
+            for lobe in lobes:
+                place += rows[lobe]
+                axes.axhline(place - 0.5, color="white", linewidth=0.8)
+            axes.set_title(method.replace(" ", "\n").replace("-", "-\n", 1) if "-" in method else f"{method}\n", fontsize=8)
+            axes.set_xticks([0, 2, 7, 8, 10, 15], ["0", "45", "90°", "0", "45", "90°"], fontsize=6)
+            axes.set_xlabel("f64     f32", fontsize=8)
+        middles = [sum(rows[other] for other in lobes[:index]) + rows[lobe] / 2 - 0.5 for index, lobe in enumerate(lobes)]
+        grid[0].set_yticks(middles, lobes, fontsize=7.5)
+        grid[0].set_ylabel("within each lobe: n from 0.01 (top) to 10⁷, or m from 0.001 to 2", fontsize=9)
+        handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for color, name in zip(COLORS, NAMES, strict=True)]
+        figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
+        figure.tight_layout(rect=(0, 0.6 / (0.052 * height + 1.6), 1, 1))
+    return figure
+
+
+def summary(record: dict[str, Any]) -> str:
+    """Counts by method and precision, and the known failures with cause and remedy."""
+    from brdfcheck.stability import KNOWN_FAILURES
+    from brdfcheck.studies import table
+
+    rows = []
+    for method in dict.fromkeys(result["method"] for result in record["results"]):
+        for dtype in ("float64", "float32"):
+            own = [result for result in record["results"] if result["method"] == method and result["dtype"] == dtype]
+            cells = "".join(row for result in own for row in result["outcomes"])
+            rows.append((f"`{method}`", dtype, str(len(cells)), *(str(cells.count(str(code))) for code in range(4))))
+    counts = table(("method", "precision", "cells", *NAMES), rows)
+    failures = table(("what fails", "cause", "remedy"), KNOWN_FAILURES)
+    false = record["summary"]["false_verdicts"]
+    return (
+        "Cells of the matrix by outcome (holds: relative error at most 1e-8 in float64, 1e-4 in float32; lies: wrong by more"
+        f" than the rule's own claim; breaks: not finite, or wrong by half):\n\n{counts}\n\nFalse verdicts of `check` over"
+        f" {false['factors']} random factors within 1e-6 of the exact one: {false['false']} ({false['undecided']} undecided)."
+        f"\n\nKnown failures:\n\n{failures}"
+    )
+
+
+if __name__ == "__main__":
+    from brdfcheck.studies import main
+
+    main(__file__)
