@@ -93,6 +93,8 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     program = (lambda brdf, mu, key: rule(brdf, mu, key=key)) if rule.on_host else _compiled(rule)
     first, answer = _timed(program, case.brdf, mu, keys[0])
     warm, spent = math.inf, 0.0
+    if rule.on_host:  # little or nothing was compiled
+        warm, repeats = (first, 0) if first > 5 * budget else (math.inf, 1)
     for _ in range(repeats):
         seconds, answer = _timed(program, case.brdf, mu, keys[0])
         warm, spent = min(warm, seconds), spent + seconds
@@ -162,13 +164,3 @@ def measure_all(
             if point.warm_seconds > most_seconds:
                 break
     return found
-
-
-def pareto(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the points (cost, error) that no other one beats in both, by rising cost. NaN never wins."""
-    frontier, best = [], math.inf
-    for index in sorted(range(len(points)), key=lambda i: points[i]):
-        if points[index][1] < best:
-            frontier.append(index)
-            best = points[index][1]
-    return frontier

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Which rule gives the most digits of an albedo for its time, and which ones never arrive?
 
-Command: ``brdfcheck study work_precision`` (or ``python studies/work_precision.py``). ANSWER_TIME on two cores.
+Command: ``brdfcheck study work_precision`` (or ``python studies/work_precision.py``). 2 minutes on two cores.
 
-Answer: ANSWER
+Answer: the exact-azimuth rule, everywhere: 15 digits from 120 to 240 evaluations, whatever the exponent and the angle, and
+the half-vector rule for the Beckmann needle (14 digits in 7,500). What knows nothing of the lobe needs 10^4 evaluations for a
+smooth lobe, has no digit or four of a needle of n = 10^5, and never sees the Beckmann needle at grazing incidence.
 
 References: ball arithmetic (Arb) of the one-dimensional integrals, the Beckmann needle by slope-space integrals; none of the
 contenders. Peers take part where they are installed (``pip install 'brdfcheck[peers]'``).
@@ -23,11 +25,11 @@ CASES = (
     ("kinked: Kuijk-Blake n = 100, cos θ = 0.7", "KuijkBlake", 100.0, 0.7, 0.04519036441947223608951),
     ("Beckmann needle: m = cos θ = 1/64", "Beckmann", 1 / 64, 1 / 64, 0.9136679211844224),
 )
-SINGLE = (0, 1)
+SINGLE = (0,)
 
 
 def run(size: str = "full") -> dict[str, Any]:
-    """All rules through their settings on all cases, and on two of them in float32."""
+    """All rules through their settings on all cases, and on one of them in float32 too."""
     from brdfcheck import CookTorrance, KuijkBlake, Phong
     from brdfcheck.peers import PEERS
     from brdfcheck.quadrature import RULES
@@ -40,9 +42,11 @@ def run(size: str = "full") -> dict[str, Any]:
     results: list[dict[str, Any]] = []
     for case in cases:
         rules = [*RULES.values(), *present.values()]
+        if "float32" in case.name:  # what knows rounding only as noise need not be compiled again
+            rules = [rule for rule in RULES.values() if rule.family not in ("montecarlo", "quasi-montecarlo")]
         if size == "small":
             rules = [RULES[name] for name in ("cosine-monte-carlo", "gauss-product", "zonal", "closed-form")]
-        limit, settings = (0.4, None) if size == "full" else (0.05, 2)
+        limit, settings = (0.2, 4) if size == "full" else (0.05, 2)
         results += [point.to_json_object() for point in measure_all(rules, case, most_seconds=limit, settings=settings)]
     missing = {name: peer.missing() for name, peer in PEERS.items() if name not in present}
     return {"settings": {"missing_peers": missing}, "results": results, "summary": {"measurements": len(results)}}
@@ -79,7 +83,7 @@ def summary(record: dict[str, Any]) -> str:
     lied = table(("case", "rule", "relative error", "claimed"), lies) if lies else "None."
     missing = "; ".join(str(message) for message in record["settings"]["missing_peers"].values()) or "none"
     return (
-        "Smallest relative error reached / evaluations / milliseconds (warm, one albedo; a setting that takes longer than 0.4 s"
+        "Smallest relative error reached / evaluations / milliseconds (warm, one albedo; a setting that takes longer than 0.2 s"
         f" ends its ladder):\n\n{text}\n\nClaimed errors that were too small by more than a factor of 4:\n\n{lied}\n\n"
         f"Peers that were not installed: {missing}."
     )

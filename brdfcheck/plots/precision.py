@@ -33,7 +33,7 @@ RULES: dict[str, tuple[str, str]] = {
     "quadax-nested": ("#332288", "1"),
     "quadax-cubature": ("#332288", "2"),
     "torchquad-gauss": ("#AA4499", "1"),
-    "mitsuba-sampling": ("#661100", "1"),
+    "mitsuba": ("#661100", "1"),
 }
 # Where errors below the rounding of a double are drawn.
 FLOOR = 1e-17
@@ -77,7 +77,7 @@ def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", col
         ]
         handles.append(Line2D([], [], color="black", linewidth=2.6, alpha=0.8, label="Pareto frontier"))
         drawn.legend(handles=handles, loc="lower center", ncols=min(5, len(handles)), fontsize=8, frameon=False)
-        drawn.tight_layout(rect=(0, 0.02 + 0.3 * (-(-len(handles) // 5)) / (2.75 * lines + 1.5), 1, 1))
+        drawn.tight_layout(rect=(0, (0.15 + 0.21 * -(-len(handles) // 5)) / (2.75 * lines + 1.5), 1, 1))
     return drawn
 
 
@@ -95,6 +95,15 @@ def _panel(axes: Axes, records: Sequence[Mapping[str, Any]], cost: str) -> None:
     best = frontier(points)
     axes.plot(*zip(*best, strict=True), color="black", linewidth=2.6, alpha=0.8, zorder=1, drawstyle="steps-post")
     axes.set(xscale="log", yscale="log", ylim=(FLOOR / 3, 30))
-    axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
+    axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1], [_power(place) for place in (-16, -12, -8, -4, 0)])
     axes.set_yticks([], minor=True)
+    low, high = (math.log10(end) for end in axes.get_xlim())
+    decades = [place for place in range(math.ceil(low), math.floor(high) + 1) if high - low < 5 or place % 2 == 0]
+    axes.set_xticks([10.0**place for place in decades], [_power(place) for place in decades])
+    axes.set_xticks([], minor=True)
     axes.grid(True)
+
+
+def _power(exponent: int) -> str:
+    """A power of ten in plain characters, which any output format draws as text."""
+    return "1" if exponent == 0 else "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
