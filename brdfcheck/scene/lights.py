@@ -1,0 +1,265 @@
+"""Lights. Each is a colour (3,) times a field over the points: a light's numbers are leaves, its kind is structure.
+
+Parameters carry the names of OpenGL. `intensity` is a number or RGB, linear. With BRDFs in 1/sr a white matt surface facing
+a light of irradiance pi has the radiance 1. Which lights a scene has is known when it is compiled, so what it lacks costs
+nothing.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Any, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from brdfcheck.scene.values import TINY, Vector, checked, choose, color_of, cross, dot, power, scalar, unit, vector_of
+
+
+class AbstractLight(eqx.Module):
+    """Something that shines: a colour times a field."""
+
+    intensity: eqx.AbstractVar[Array]
+
+
+class AbstractRayLight(AbstractLight):
+    """A light that reaches each point from one direction."""
+
+    @abc.abstractmethod
+    def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
+        """(unit vector towards the light, irradiance of a surface that faces it over `intensity`) at the points."""
+
+
+@final
+class Ambient(AbstractLight):
+    """The same radiance from everywhere for the matt part of a material only: OpenGL's ambient term.
+
+    `intensity`: radiance. `Environment` is the light that glossy parts see too. ValueError for a bad intensity.
+    """
+
+    intensity: Float[Array, " 3"]
+
+    def __init__(self, intensity: Any = 1.0):
+        self.intensity = color_of(intensity, "intensity")
+
+
+@final
+class Environment(AbstractLight):
+    """A uniform surrounding of radiance `intensity`: the white furnace. Glossy parts are integrated at each pixel.
+
+    ValueError for a bad intensity.
+    """
+
+    intensity: Float[Array, " 3"]
+
+    def __init__(self, intensity: Any = 1.0):
+        self.intensity = color_of(intensity, "intensity")
+
+
+@final
+class Distant(AbstractRayLight):
+    """A directional light, OpenGL's position with w = 0. `direction`: towards the light; `intensity`: irradiance.
+
+    ValueError for a direction of length 0 or a bad intensity.
+    """
+
+    direction: Float[Array, " 3"]
+    intensity: Float[Array, " 3"]
+
+    def __init__(self, direction: Any, intensity: Any = 1.0):
+        self.direction = vector_of(direction, "direction")
+        self.intensity = color_of(intensity, "intensity")
+
+    def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
+        return unit(Vector(*self.direction)), jnp.ones_like(self.direction[0])
+
+
+def _attenuations(values: tuple[Any, Any, Any]) -> list[Array]:
+    names = ("constant_attenuation", "linear_attenuation", "quadratic_attenuation")
+    arrays = [scalar(value, name) for value, name in zip(values, names, strict=True)]
+    if not any(isinstance(array, Tracer) or np.any(np.asarray(array)) for array in arrays):
+        raise ValueError(f"{', '.join(names)} must not all be 0")
+    return arrays
+
+
+def _attenuated(light: Point | Spot, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
+    way = Vector(*light.position) - point
+    square = jnp.maximum(dot(way, way), TINY)
+    distance = jnp.sqrt(square)
+    loss = light.constant_attenuation + light.linear_attenuation * distance + light.quadratic_attenuation * square
+    return way * (1 / distance), 1 / jnp.maximum(loss, TINY)
+
+
+@final
+class Point(AbstractRayLight):
+    r"""A point light, $1/(a + b d + c d^2)$ at the distance d (OpenGL). `intensity`: irradiance where that is 1.
+
+    a, b, c are `constant_attenuation`, `linear_attenuation`, `quadratic_attenuation`; (0, 0, 1) is a physical lamp of that
+    radiant intensity. ValueError where one is negative or all are 0.
+    """
+
+    position: Float[Array, " 3"]
+    intensity: Float[Array, " 3"]
+    constant_attenuation: Float[Array, ""]
+    linear_attenuation: Float[Array, ""]
+    quadratic_attenuation: Float[Array, ""]
+
+    def __init__(
+        self,
+        position: Any,
+        intensity: Any = 1.0,
+        *,
+        constant_attenuation: Any = 1.0,
+        linear_attenuation: Any = 0.0,
+        quadratic_attenuation: Any = 0.0,
+    ):
+        self.position = vector_of(position, "position", zero=True)
+        self.intensity = color_of(intensity, "intensity")
+        self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation = _attenuations(
+            (constant_attenuation, linear_attenuation, quadratic_attenuation)
+        )
+
+    def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
+        return _attenuated(self, point)
+
+
+@final
+class Spot(AbstractRayLight):
+    r"""A point light in a cone: times $\max(v \cdot d, 0)^e$ within `spot_cutoff` degrees of `spot_direction`, else 0 (OpenGL).
+
+    v is the direction from the light to the point, e the `spot_exponent`. A cutoff of 180 is no cone: an ordinary point
+    light. ValueError for a cutoff outside [0, 90] other than 180, an exponent < 0 or a direction of length 0.
+    """
+
+    position: Float[Array, " 3"]
+    spot_direction: Float[Array, " 3"]
+    intensity: Float[Array, " 3"]
+    spot_cutoff: Float[Array, ""]
+    spot_exponent: Float[Array, ""]
+    constant_attenuation: Float[Array, ""]
+    linear_attenuation: Float[Array, ""]
+    quadratic_attenuation: Float[Array, ""]
+
+    def __init__(
+        self,
+        position: Any,
+        spot_direction: Any,
+        intensity: Any = 1.0,
+        *,
+        spot_cutoff: Any = 45.0,
+        spot_exponent: Any = 0.0,
+        constant_attenuation: Any = 1.0,
+        linear_attenuation: Any = 0.0,
+        quadratic_attenuation: Any = 0.0,
+    ):
+        self.position = vector_of(position, "position", zero=True)
+        self.spot_direction = vector_of(spot_direction, "spot_direction")
+        self.intensity = color_of(intensity, "intensity")
+        self.spot_cutoff = scalar(spot_cutoff, "spot_cutoff", 0, 180)
+        if not isinstance(self.spot_cutoff, Tracer) and 90 < float(self.spot_cutoff) < 180:
+            raise ValueError(f"spot_cutoff must be in [0, 90] degrees, or 180 for no cone; got {spot_cutoff}")
+        self.spot_exponent = scalar(spot_exponent, "spot_exponent")
+        self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation = _attenuations(
+            (constant_attenuation, linear_attenuation, quadratic_attenuation)
+        )
+
+    def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
+        direction, irradiance = _attenuated(self, point)
+        cosine = -dot(direction, unit(Vector(*self.spot_direction)))
+        inside = (cosine > 0) & (cosine >= jnp.cos(jnp.deg2rad(self.spot_cutoff)))
+        share = power(cosine, self.spot_exponent)
+        return direction, irradiance * jnp.where(self.spot_cutoff >= 180, 1, jnp.where(inside, share, 0))
+
+
+@final
+class Polygon(AbstractLight):
+    r"""A plane polygon of radiance `intensity`, for matt surfaces: exact, $E = \frac L2 \sum_i \gamma_i (\Gamma_i \cdot n)$.
+
+    `vertices`: shape (k, 3), k >= 3, in order around it; their number is structure. It shines on both sides, or only on the
+    side from which they run counter-clockwise (`two_sided=False`). The part below a point's horizon is cut off;
+    `horizon_clipping=False` leaves that out, which is cheaper and right only where all of it is above.
+
+    ValueError for fewer than three vertices, ones that span no area or do not lie in a plane (1e-4 of the size), or a bad
+    intensity.
+    """
+
+    vertices: Float[Array, "k 3"]
+    intensity: Float[Array, " 3"]
+    two_sided: bool = eqx.field(static=True)
+    horizon_clipping: bool = eqx.field(static=True)
+
+    def __init__(self, vertices: Any, intensity: Any = 1.0, *, two_sided: bool = True, horizon_clipping: bool = True):
+        self.vertices = checked(vertices, "vertices", -np.inf)
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or len(self.vertices) < 3:
+            raise ValueError(f"a polygon needs at least 3 vertices, shape (k, 3); got shape {self.vertices.shape}")
+        if not isinstance(self.vertices, Tracer):
+            corners = np.asarray(self.vertices, float)
+            corners = corners - corners.mean(0)
+            size = np.abs(corners).max()
+            area = np.sum(np.cross(corners, np.roll(corners, -1, 0)), 0) / 2
+            length = np.linalg.norm(area)
+            if not length > 1e-9 * size**2:
+                raise ValueError(f"the polygon's vertices span no area: {np.asarray(self.vertices).tolist()}")
+            if np.abs(corners @ area).max() > 1e-4 * size * length:
+                raise ValueError(f"the polygon's vertices do not lie in a plane: {np.asarray(self.vertices).tolist()}")
+        self.intensity = color_of(intensity, "intensity")
+        self.two_sided, self.horizon_clipping = bool(two_sided), bool(horizon_clipping)
+
+    def irradiance(self, point: Vector, normal: Vector) -> Float[Array, "..."]:
+        """The irradiance at the points over `intensity`: pi times the form factor, >= 0."""
+        corners = [Vector(*vertex) - point for vertex in self.vertices]
+        heights = [dot(corner, normal) for corner in corners]
+        total = jnp.zeros_like(heights[0])
+        if not self.horizon_clipping:
+            for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+                total = total + _edge(a, b, normal)
+        else:
+            pieces = [_above(a, b, corners, heights) for a, b in _edges(len(corners))]
+            # Where the polygon goes below the horizon it is closed along it. The last way out before the first corner is
+            # that of the last edge that has one: one round to find it, one to add up.
+            out = Vector(*(jnp.zeros_like(total) for _ in range(3)))
+            for piece in pieces:
+                out = choose(piece.leaves, piece.end, out)
+            for piece in pieces:
+                total = total + jnp.where(piece.seen, _edge(piece.start, piece.end, normal, piece.seen), 0)
+                total = total + jnp.where(piece.enters, _edge(out, piece.start, normal, piece.enters), 0)
+                out = choose(piece.leaves, piece.end, out)
+        # Positive where the corners run clockwise as seen from the point.
+        return (jnp.abs(total) if self.two_sided else jnp.maximum(-total, 0)) / 2
+
+
+class _Piece(eqx.Module):
+    """What of an edge is above the horizon."""
+
+    start: Vector
+    end: Vector
+    seen: Array
+    enters: Array
+    leaves: Array
+
+
+def _edges(count: int) -> list[tuple[int, int]]:
+    return [(i, (i + 1) % count) for i in range(count)]
+
+
+def _above(i: int, j: int, corners: list[Vector], heights: list[Array]) -> _Piece:
+    high, low = heights[i] > 0, heights[j] > 0
+    crosses = high != low
+    at = heights[i] / jnp.where(crosses, heights[i] - heights[j], 1)
+    crossing = corners[i] + (corners[j] - corners[i]) * at
+    start, end = choose(high, corners[i], crossing), choose(low, corners[j], crossing)
+    return _Piece(start, end, high | low, crosses & low, crosses & high)
+
+
+def _edge(a: Vector, b: Vector, normal: Vector, real: Array | bool = True) -> Array:
+    """gamma (Gamma . n) for the edge from a to b, of any lengths: the angle they subtend, about the plane through them."""
+    turn = cross(a, b)
+    square = dot(turn, turn)
+    along = dot(a, b)
+    spans = real & (square > TINY * along * along)
+    sine = jnp.sqrt(jnp.where(spans, square, 1))
+    angle = jnp.arctan2(sine, jnp.where(spans, along, 1))
+    return jnp.where(spans, angle / sine * dot(turn, normal), 0)

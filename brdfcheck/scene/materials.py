@@ -1,0 +1,368 @@
+"""Materials: physical surfaces whose BRDFs conserve energy, and the artistic models of Yokoi, Ito, Tsuruoka and Miyake."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any, Literal, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from brdfcheck import catalog
+from brdfcheck.brdf import AbstractBRDF
+from brdfcheck.factors import peel
+from brdfcheck.lobes import Lambert
+from brdfcheck.precision import double_precision
+from brdfcheck.scene.fresnel import FRESNELS
+from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
+from brdfcheck.scene.shading import AbstractMaterial, Meeting, Place, meetings, reflected
+from brdfcheck.scene.values import TINY, checked, color_of, power, scalar, spread
+from brdfcheck.verdict import TOLERANCE, Report, Verdict, check
+
+# --- physical surfaces ---
+
+
+@final
+class Term(eqx.Module):
+    """One BRDF of a surface times a colour, or times the Fresnel reflectance whose value at normal incidence is the colour.
+
+    `brdf`: a catalogue name with its parameters, as in ``Term("blinn-phong", 0.3, n=50)``, or a lobe. `fresnel`: "none",
+    "exact" or "schlick", at the angle between the light and the half vector.
+
+    Raises KeyError for an unknown name, ValueError for bad parameters, TypeError for something that is no BRDF.
+    """
+
+    brdf: AbstractBRDF
+    tint: Float[Array, " 3"]
+    fresnel: str = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    # True where all parameters lie within the range over which the catalogue's family is checked.
+    within: bool = eqx.field(static=True)
+
+    def __init__(self, brdf: Any, tint: Any = 1.0, *, fresnel: str = "none", **parameters: Any):
+        if fresnel not in ("none", *FRESNELS):
+            raise ValueError(f"fresnel must be one of none, {', '.join(FRESNELS)}; got {fresnel!r}")
+        self.tint = color_of(
+            tint, "the Fresnel reflectance" if fresnel != "none" else "tint", 1 if fresnel != "none" else np.inf
+        )
+        self.fresnel, self.name, self.within = fresnel, "", False
+        if isinstance(brdf, str):
+            family = catalog.entry(brdf).family
+            allowed = ", ".join(family.ranges)
+            for parameter in {*parameters} ^ {*family.ranges} - {"reflectance"}:
+                if parameter in parameters:
+                    raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {allowed}")
+                raise ValueError(f"{brdf} needs its parameter {parameter}")
+            ranges = [family.ranges[name] for name in parameters]
+            self.name = brdf
+            self.within = all(
+                isinstance(value, Tracer) or bool(np.all((low <= np.asarray(value)) & (np.asarray(value) <= high)))
+                for value, (low, high) in zip(parameters.values(), ranges, strict=True)
+            )
+            brdf = family.build(**({"reflectance": 1.0} if "reflectance" in family.ranges else {}) | parameters)
+        elif parameters:
+            raise TypeError(f"parameters go with a catalogue name; got {', '.join(parameters)} beside {type(brdf).__name__}")
+        if not isinstance(brdf, AbstractBRDF):
+            raise TypeError(f"a BRDF must be a catalogue name or a lobe of this package; got {type(brdf).__name__}")
+        self.brdf = brdf
+
+    @property
+    def matt(self) -> bool:
+        """True for a perfectly diffuse term, which reflects light from anywhere by the same share."""
+        return isinstance(peel(self.brdf)[0], Lambert) and self.fresnel == "none"
+
+    def albedo(self) -> Float[Array, "..."]:
+        """The albedo of a matt term, shape (3,)."""
+        return self.tint * (np.pi * peel(self.brdf)[0].amplitude())
+
+
+@final
+class Surface(AbstractMaterial):
+    """A sum of BRDFs: reflected radiance in the lights' unit, all terms and all lights added.
+
+    ``Surface(Term("lambert", (0.6, 0.3, 0.1)), Term("blinn-phong", 0.3, n=50))``. Every BRDF must be one that
+    `brdfcheck.check` calls conserving, and so must the sum be in every channel, by the same check of the sum over all
+    angles where the tints alone do not show it. `allow_unvalidated=True` builds it all the same. Numbers that are traced
+    are not checked.
+
+    Raises ValueError, with the reason, for a BRDF or a sum that does not conserve.
+    """
+
+    terms: tuple[Term, ...]
+
+    def __init__(self, *terms: Term, allow_unvalidated: bool = False):
+        if not terms or not all(isinstance(term, Term) for term in terms):
+            raise TypeError(
+                f"a surface is a sum of at least one Term; got {', '.join(type(t).__name__ for t in terms) or 'none'}"
+            )
+        self.terms = terms
+        if not allow_unvalidated:
+            for term in terms:
+                _refuse_unvalidated(term)
+            _refuse_excess(terms)
+
+    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
+        from brdfcheck.scene.furnace import directional_albedo
+
+        dimensions = len(place.shape)
+        total = jnp.zeros((3,) + (1,) * dimensions, place.normal.x.dtype)
+        for light in lights:
+            meeting = Meeting(place, light) if isinstance(light, AbstractRayLight) else None
+            for term in self.terms:
+                if meeting is not None:
+                    value = reflected(term.brdf, meeting) * meeting.falloff
+                    if term.fresnel == "none":
+                        total = total + spread(light.intensity * term.tint, dimensions) * value
+                    else:
+                        share = FRESNELS[term.fresnel](meeting.light_half, spread(term.tint, dimensions))
+                        total = total + spread(light.intensity, dimensions) * share * value
+                elif term.matt:
+                    field = light.irradiance(place.point, place.normal) / np.pi if isinstance(light, Polygon) else jnp.ones(())
+                    total = total + spread(light.intensity * term.albedo().astype(total.dtype), dimensions) * field
+                elif isinstance(light, Environment):
+                    value = directional_albedo(term.brdf, place.seen, term.fresnel, term.tint)
+                    tint = term.tint if term.fresnel == "none" else jnp.ones_like(term.tint)
+                    total = total + spread(light.intensity * tint, dimensions) * value
+                elif not isinstance(light, Ambient):
+                    raise ValueError(
+                        f"a {type(light).__name__} light has a closed form on matt terms only;"
+                        f" this surface has {type(peel(term.brdf)[0]).__name__}"
+                    )
+        return total
+
+
+@functools.cache
+def _report(name: str) -> Report:
+    with double_precision():
+        return check(name, intervals=False)
+
+
+def _concrete(term: Term) -> bool:
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(term))
+
+
+def _refuse_unvalidated(term: Term) -> None:
+    """The family once and for all, where the parameters are in its range; else this one BRDF."""
+    if term.name and term.within:
+        report = _report(term.name)
+    elif _concrete(term):
+        with double_precision():
+            report = check(_double(term.brdf), intervals=False)
+    else:
+        return
+    if not report.passed:
+        where = "".join(f" at {name}={value:.4g}" for name, value in report.parameters.items())
+        reason = (
+            report.findings[0]
+            if report.verdict is Verdict.CONSERVES
+            else (f"{report.verdict.name}: albedo {report.albedo:.6g} +- {report.error:.1g}{where}, {report.angle:.3g} degrees")
+        )
+        raise ValueError(
+            f"{term.name or report.name} is not validated ({reason}); allow_unvalidated=True renders it all the same"
+        )
+
+
+def _double(tree: Any) -> Any:
+    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), jnp.float64), tree)
+
+
+def _refuse_excess(terms: tuple[Term, ...]) -> None:
+    """Each channel's sum: by the tints where they do, else by the check of the sum itself over all angles."""
+    if not all(_concrete(term) for term in terms):
+        return
+    # A Fresnel reflectance is at most 1, an albedo that has passed too.
+    most = sum(np.ones(3) if term.fresnel != "none" else _bound(term) for term in terms)
+    for channel in np.flatnonzero(np.asarray(most) > 1 + TOLERANCE):
+        report = _sum_report(terms, int(channel))
+        if report.verdict is not Verdict.CONSERVES:
+            raise ValueError(
+                f"the surface reflects up to {report.albedo:.6g} of the light in channel {'RGB'[channel]}, at"
+                f" {report.angle:.3g} degrees: {report.albedo - 1:.3g} more than arrives; take smaller tints, or"
+                " allow_unvalidated=True"
+            )
+
+
+def _bound(term: Term) -> np.ndarray:
+    tint = np.asarray(term.tint, float)
+    return tint * np.pi * np.asarray(peel(term.brdf)[0].amplitude(), float) if term.matt else tint
+
+
+def _sum_report(terms: tuple[Term, ...], channel: int) -> Report:
+    with double_precision():
+        parts = [_double(term) for term in terms]
+
+        def total(wi: Array, wo: Array) -> Array:
+            value = jnp.zeros(wo.shape[:-1], wo.dtype)
+            for part in parts:
+                one = part.brdf(wi, wo)
+                one = one[..., channel] if one.ndim > value.ndim else one
+                if part.fresnel == "none":
+                    one = one * part.tint[channel]
+                else:
+                    cosine = jnp.sqrt(jnp.maximum((1 + jnp.sum(wi * wo, axis=-1)) / 2, TINY))
+                    one = one * FRESNELS[part.fresnel](cosine, part.tint[channel])
+                value = value + one
+            return value
+
+        return check(total, intervals=False)
+
+
+# --- artistic models: colours in [0, 1], as printed (Yokoi et al.), angles by their own equations ---
+
+
+def _highlighted(base: Array, w: Array, n: Array, found: list[Meeting], dimensions: int) -> Array:
+    """C1 + w cos^n a (1 - C1) for each light: white at the centre of a full highlight, whatever lies under it."""
+    dark = 1 - base
+    for meeting in found:
+        share = w * meeting.falloff * power(meeting.mirror_view, n)
+        dark = dark * (1 - spread(meeting.intensity, dimensions) * share)
+    return 1 - dark
+
+
+def _diffuse(d: Array, found: list[Meeting], dimensions: int) -> Array:
+    """d + (1 - d) cos theta, over several lights d + (1 - d) sum a_l cos theta_l."""
+    lit = sum(spread(meeting.intensity, dimensions) * (meeting.falloff * meeting.cos_light) for meeting in found)
+    return d + (1 - d) * lit
+
+
+@final
+class Highlight(AbstractMaterial):
+    r"""Opaque with a white highlight, (4): $C = C_1 + w \cos^n a\,(1 - C_1)$, $C_1 = [d + (1-d)\cos\theta] C_0$.
+
+    a is the angle between the mirror direction and the view. `base`: C0 in [0, 1]; d, w in [0, 1]; n >= 0. A light's
+    intensity is its share a_l; with several lights the shares of the cosine add up and highlights cover one another.
+    ValueError for values outside these ranges and for lights other than Distant, Point and Spot.
+    """
+
+    base: Float[Array, " 3"]
+    d: Float[Array, ""]
+    w: Float[Array, ""]
+    n: Float[Array, ""]
+
+    def __init__(self, base: Any, *, d: Any = 0.5, w: Any = 1.0, n: Any = 10.0):
+        self.base = color_of(base, "base", 1)
+        self.d, self.w, self.n = scalar(d, "d", 0, 1), scalar(w, "w", 0, 1), scalar(n, "n")
+
+    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
+        found, dimensions = meetings(lights, place, "Highlight"), len(place.shape)
+        base = _diffuse(self.d, found, dimensions) * spread(self.base, dimensions)
+        return _highlighted(base, self.w, self.n, found, dimensions)
+
+
+@final
+class Translucent(AbstractMaterial):
+    r"""Translucent over what lies behind, (6) and (8): `Highlight` with $C_1 = (1-t) C_B + t [d + (1-d)\cos\theta] C_0$.
+
+    $t = t_h (1 - \cos b)^{t_p}$ is the opacity, b the angle between normal and view: clearer where it faces the eye. `behind`:
+    C_B, a number, RGB, or an image (3, ...) of the shape that is shaded (`over` gives it later). t_h in [0, 1], t_p >= 0;
+    the rest as for `Highlight`.
+    """
+
+    base: Float[Array, " 3"]
+    behind: Float[Array, "3 ..."]
+    d: Float[Array, ""]
+    w: Float[Array, ""]
+    n: Float[Array, ""]
+    t_h: Float[Array, ""]
+    t_p: Float[Array, ""]
+
+    def __init__(
+        self,
+        base: Any,
+        *,
+        behind: Any = 0.0,
+        d: Any = 0.5,
+        w: Any = 1.0,
+        n: Any = 10.0,
+        t_h: Any = 0.8,
+        t_p: Any = 1.0,
+    ):
+        self.base = color_of(base, "base", 1)
+        self.behind = _backdrop(behind)
+        self.d, self.w, self.n = scalar(d, "d", 0, 1), scalar(w, "w", 0, 1), scalar(n, "n")
+        self.t_h, self.t_p = scalar(t_h, "t_h", 0, 1), scalar(t_p, "t_p")
+
+    def over(self, behind: Any) -> Translucent:
+        """The same material over another background."""
+        return eqx.tree_at(lambda material: material.behind, self, _backdrop(behind))
+
+    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
+        found, dimensions = meetings(lights, place, "Translucent"), len(place.shape)
+        t = self.t_h * power(1 - jnp.clip(place.cos_view, 0, 1), self.t_p)
+        own = _diffuse(self.d, found, dimensions) * spread(self.base, dimensions)
+        base = (1 - t) * spread(self.behind, dimensions) + t * own
+        return _highlighted(base, self.w, self.n, found, dimensions)
+
+
+def _backdrop(behind: Any) -> Array:
+    array = checked(behind, "behind", 0, np.inf)
+    if array.ndim > 1 and array.shape[0] == 3:
+        return array
+    return color_of(behind, "behind")
+
+
+MetalForm = Literal["facets", "half", "mirror"]
+
+
+@final
+class Metal(AbstractMaterial):
+    r"""Metal under several lights, $C = \{d + \sum_l a_l S_l\} C_0$; the light's intensity is a_l.
+
+    * form "facets", (12): $S = D G / (N \cdot V)$, $D = \sum_j w_j e^{-\tan^2 a/m_j^2} / (m_j^2 \cos^4 a)$, G of V-cavities;
+    * form "half", (15): $S = \sum_j w_j (N \cdot H)^{n_j}$;
+    * form "mirror", (16): $S = \sum_j w_j (R \cdot V)^{n_j}$.
+
+    `lobes`: pairs (w_j, m_j) or (w_j, n_j) for all lights, ``[(0.013, 0.2), (0.1, 0.4)]``, or one such list for each light,
+    in their order. A power's base below 0 counts as 0; a light below the horizon still adds its power, as printed. With
+    (14), d + sum w_j / m_j^2 near 1, the centre of the highlight shows C0.
+
+    Raises ValueError for values outside these ranges, m = 0, an unknown form, as many lists as neither one nor the lights,
+    or lights other than Distant, Point and Spot.
+    """
+
+    base: Float[Array, " 3"]
+    d: Float[Array, ""]
+    lobes: tuple[Float[Array, "j 2"], ...]
+    form: MetalForm = eqx.field(static=True)
+
+    def __init__(self, base: Any, lobes: Any, *, d: Any = 0.05, form: MetalForm = "facets"):
+        if form not in ("facets", "half", "mirror"):
+            raise ValueError(f"form must be one of facets, half, mirror; got {form!r}")
+        self.base, self.d, self.form = color_of(base, "base", 1), scalar(d, "d", 0, 1), form
+        single = len(lobes) > 0 and len(lobes[0]) > 0 and np.ndim(lobes[0][0]) == 0
+        self.lobes = tuple(checked(part, "lobes") for part in ([lobes] if single else lobes))
+        for part in self.lobes:
+            if part.ndim != 2 or part.shape[1] != 2:
+                raise ValueError(f"lobes are pairs of weight and {'slope' if form == 'facets' else 'exponent'}; got {lobes}")
+            if form == "facets":
+                checked(part[:, 1], "the slope m", above=True)
+
+    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
+        found, dimensions = meetings(lights, place, "Metal"), len(place.shape)
+        if len(self.lobes) not in (1, len(found)):
+            raise ValueError(f"a metal has lobes for all lights or for each; got {len(self.lobes)} for {len(found)} lights")
+        total = self.d
+        for meeting, lobes in zip(found, self.lobes * (len(found) if len(self.lobes) == 1 else 1), strict=True):
+            if self.form == "facets":
+                value = _facets(meeting, place, lobes)
+            else:
+                cosine = meeting.normal_half if self.form == "half" else meeting.mirror_view
+                value = sum(weight * power(cosine, n) for weight, n in lobes)
+            total = total + spread(meeting.intensity, dimensions) * (meeting.falloff * value)
+        return total * spread(self.base, dimensions)
+
+
+def _facets(meeting: Meeting, place: Place, lobes: Array) -> Array:
+    """D G / (N.V); 1/(N.V) goes into the minimum of G, so that nothing is 0/0 at grazing angles."""
+    n_h = jnp.clip(meeting.normal_half, 1e-4, 1)
+    square = n_h * n_h
+    tangent = (1 - square) / square
+    density = sum(w * jnp.exp(-tangent / (m * m)) / (m * m) for w, m in lobes) / (square * square)
+    v_h = meeting.light_half
+    masked = jnp.minimum(jnp.minimum(v_h, 2 * n_h * meeting.cos_light) / place.seen, 2 * n_h) / v_h
+    return density * masked

@@ -1,0 +1,163 @@
+"""Light meets a surface: the shader, and BRDFs at component-first directions.
+
+A material sees each light as a `Meeting`, whose angles are computed when they are asked for and once: a scene without a
+highlight computes no half vector, one without microfacets no square root for it.
+"""
+
+from __future__ import annotations
+
+import abc
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.factors import peel
+from brdfcheck.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
+from brdfcheck.scene.values import TINY, Vector, dot, power, spread
+
+
+class Place:
+    """Points of a surface and from where they are seen. All angles have the shape of the image, or of what they depend on."""
+
+    def __init__(self, point: Vector, normal: Vector, view: Vector):
+        self.point, self.normal, self.view = point, normal, view
+        self.shape = jnp.broadcast_shapes(*(jnp.shape(part) for part in (*point, *normal, *view)))
+
+    @functools.cached_property
+    def cos_view(self) -> Array:
+        """N.V as it is: interpolated normals may make it negative at a silhouette."""
+        return dot(self.normal, self.view)
+
+    @functools.cached_property
+    def seen(self) -> Array:
+        """N.V > 0: what is drawn is seen, so where a normal says otherwise grazing is meant."""
+        return jnp.maximum(self.cos_view, TINY)
+
+
+class Meeting:
+    """One light at a place: `direction` towards it, and the `falloff` its intensity is multiplied by."""
+
+    def __init__(self, place: Place, light: AbstractRayLight):
+        self.place, self.intensity = place, light.intensity
+        self.direction, self.falloff = light.arriving(place.point)
+
+    @functools.cached_property
+    def normal_light(self) -> Array:
+        """N.L, negative where the light is below the horizon."""
+        return dot(self.place.normal, self.direction)
+
+    @functools.cached_property
+    def cos_light(self) -> Array:
+        """max(N.L, 0)."""
+        return jnp.maximum(self.normal_light, 0)
+
+    @functools.cached_property
+    def light_view(self) -> Array:
+        """L.V."""
+        return dot(self.direction, self.place.view)
+
+    @functools.cached_property
+    def light_half(self) -> Array:
+        """L.H = V.H = |L + V| / 2, > 0."""
+        return jnp.sqrt(jnp.maximum((1 + self.light_view) / 2, TINY))
+
+    @functools.cached_property
+    def normal_half(self) -> Array:
+        """N.H = (N.L + N.V) / |L + V|: without the half vector itself."""
+        return (self.normal_light + self.place.cos_view) * (0.5 / self.light_half)
+
+    @functools.cached_property
+    def mirror_view(self) -> Array:
+        """R.V = 2 (N.L)(N.V) - L.V."""
+        return 2 * self.normal_light * self.place.cos_view - self.light_view
+
+
+def reflected(brdf: AbstractBRDF, meeting: Meeting) -> Float[Array, "..."]:
+    """f(L, V) (N.L) in 1/sr: a field, or (3, ...) where the BRDF has channels. TypeError for a BRDF of no known kind."""
+    core, scale = peel(brdf)
+    dimensions = len(meeting.place.shape)
+    if isinstance(core, AbstractMicrofacetLobe):
+        versine = jnp.clip(1 - meeting.normal_half, 0, 1)
+        sine_squared = versine * (2 - versine)
+        i_h, view, light = meeting.light_half, meeting.place.seen, meeting.cos_light
+
+        def kernel(lobe: AbstractMicrofacetLobe) -> Array:
+            # By reciprocity: f (N.V) 4 (V.H) with the two directions exchanged, finite where the view is grazing.
+            return lobe.facet_kernel(1 - versine, sine_squared, view, light, i_h)
+
+        tint = getattr(core, "f0", None)
+        if tint is not None and tint.ndim:
+            lobes = [eqx.tree_at(lambda lobe: lobe.f0, core, part) for part in tint]
+            value = jnp.stack([jnp.broadcast_to(kernel(lobe), meeting.place.shape) for lobe in lobes])
+        else:
+            value = kernel(core)
+        value = jnp.where(light > 0, value / (4 * i_h), 0)
+    elif isinstance(core, AbstractZonalLobe):
+        value = meeting.cos_light
+        if not isinstance(core, Lambert):
+            cosine = meeting.normal_half if core.form == "half" else meeting.mirror_view
+            if isinstance(core, (Phong, BlinnPhong)):  # from the cosine itself: half the time of log1p
+                profile = power(cosine, core.n)
+            else:
+                # Never a versine outside its domain: a masked branch would still poison the gradient.
+                profile = core.profile(jnp.clip(1 - cosine, 0, 1))
+            value = value * (jnp.where(cosine > 0, profile, 0) if core.form == "mirror" else profile)
+        amplitude = core.amplitude()
+        value = spread(amplitude, dimensions) * value
+    else:
+        raise TypeError(f"a scene shades lobes of this package; got {type(core).__name__}")
+    cosine = jnp.where(meeting.cos_light > 0, meeting.cos_light, 1)  # some published forms divide by it
+    return scale(cosine) * value
+
+
+class AbstractMaterial(eqx.Module):
+    """What turns light into the colour of a point."""
+
+    @abc.abstractmethod
+    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
+        """Linear RGB at the place; the shape broadcasts with (3, *place.shape). ValueError for a light it cannot see."""
+
+
+def meetings(lights: Sequence[AbstractLight], place: Place, owner: str) -> list[Meeting]:
+    """Each light at the place; ValueError where one of them has no direction."""
+    for light in lights:
+        if not isinstance(light, AbstractRayLight):
+            raise ValueError(f"{owner} is lit by Distant, Point and Spot lights only; got {type(light).__name__}")
+    return [Meeting(place, light) for light in lights if isinstance(light, AbstractRayLight)]
+
+
+def shade(
+    material: AbstractMaterial, lights: Sequence[AbstractLight], point: Any, normal: Any, view: Any
+) -> Float[Array, "3 ..."]:
+    """Linear RGB of the points of a surface, shape (3, ...), in the precision of `normal`.
+
+    `point`, `normal` and `view` have shape (3, ...), or are three arrays whose shapes broadcast: what is the same for all
+    pixels may be scalars, and is then computed once. `normal` and `view` are unit vectors, `view` towards the eye. With
+    radiometric materials the result is the reflected radiance, with the artistic ones their colour in [0, 1].
+
+    Pure: jit, vmap and grad go through it in all numbers of the material and the lights. Raises ValueError for a light
+    that the material cannot be lit by, TypeError for something that is no material or no light.
+    """
+    if not isinstance(material, AbstractMaterial):
+        raise TypeError(f"a material of brdfcheck.scene.materials is needed; got {type(material).__name__}")
+    for light in lights:
+        if not isinstance(light, AbstractLight):
+            raise TypeError(f"lights are those of brdfcheck.scene.lights; got {type(light).__name__}")
+    dtype = jnp.asarray(normal[0]).dtype
+
+    def cast(leaf: Any) -> Any:
+        return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
+
+    material, lights = jax.tree.map(cast, (material, tuple(lights)))
+    parts = [
+        [part if isinstance(part, float) else jnp.asarray(part, dtype) for part in vector] for vector in (point, normal, view)
+    ]
+    place = Place(*(Vector(*vector) for vector in parts))
+    return jnp.broadcast_to(material.color(lights, place), (3, *place.shape))
