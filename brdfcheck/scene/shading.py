@@ -156,8 +156,9 @@ def shade(
         return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
 
     material, lights = jax.tree.map(cast, (material, tuple(lights)))
-    parts = [
-        [part if isinstance(part, float) else jnp.asarray(part, dtype) for part in vector] for vector in (point, normal, view)
-    ]
-    place = Place(*(Vector(*vector) for vector in parts))
+
+    def vector(parts: Any) -> Vector:
+        return Vector(*(part if isinstance(part, float) else jnp.asarray(part, dtype) for part in parts))
+
+    place = Place(vector(point), vector(normal), vector(view))
     return jnp.broadcast_to(material.color(lights, place), (3, *place.shape))

@@ -6,6 +6,8 @@ layout. Components that do not differ are plain scalars; what follows from scala
 
 from __future__ import annotations
 
+import functools
+import operator
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -39,7 +41,7 @@ class Vector(NamedTuple):
 def dot(a: Any, b: Any) -> Array:
     """The scalar product of component-first vectors; a component that is the Python number 0 costs nothing."""
     terms = [p * q for p, q in zip(a, b, strict=True) if not any(isinstance(part, float) and part == 0 for part in (p, q))]
-    return sum(terms[1:], terms[0])
+    return functools.reduce(operator.add, terms)
 
 
 def cross(a: Any, b: Any) -> Vector:
