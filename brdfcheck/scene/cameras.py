@@ -1,0 +1,198 @@
+"""Orthographic and perspective cameras: points to pixels for the rasteriser, pixels to rays for the tracer.
+
+Vector fields are component-first: points of shape (3, ...). Screen coordinates are in pixels, x to the right and y down; the
+pixel in row i and column j has its centre at (j + 1/2, i + 1/2). A size is (height, width), and the height of the image is
+what the camera's opening says.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Any, NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from brdfcheck.brdf import as_parameter
+
+Size = tuple[int, int]
+
+# Nothing is seen that is nearer to the eye than this part of the distance to the target.
+_NEAR = 1e-3
+
+
+class Projected(NamedTuple):
+    """Points on the screen (2, ...); their nearness (...), affine on the screen, larger in front; what is before the eye."""
+
+    screen: Float[Array, "2 ..."]
+    nearness: Float[Array, "..."]
+    in_front: Bool[Array, "..."]
+
+
+def checked_size(size: Size) -> Size:
+    """`size` itself; ValueError unless it is (height, width) in whole pixels from 1 to 16384."""
+    if len(size) != 2 or not all(isinstance(n, (int, np.integer)) and 1 <= n <= 16384 for n in size):
+        raise ValueError(f"size must be (height, width), each from 1 to 16384 pixels; got {size}")
+    return int(size[0]), int(size[1])
+
+
+def pixel_centres(size: Size, dtype: Any) -> Float[Array, "2 height width"]:
+    """The screen coordinates (x, y) of every pixel."""
+    x, y = (jnp.arange(n, dtype=dtype) + 0.5 for n in size[::-1])
+    return jnp.stack(jnp.broadcast_arrays(x[None, :], y[:, None]))
+
+
+def _checked_frame(eye: Array, target: Array, up: Array) -> None:
+    for name, part in (("eye", eye), ("target", target), ("up", up)):
+        if part.shape != (3,) or (not isinstance(part, Tracer) and not np.all(np.isfinite(np.asarray(part)))):
+            raise ValueError(f"{name} must be three finite numbers; got {part}")
+    if not any(isinstance(part, Tracer) for part in (eye, target, up)):
+        back = np.asarray(eye, float) - np.asarray(target, float)
+        if not np.linalg.norm(np.cross(up, back)) > 1e-6 * np.linalg.norm(up) * np.linalg.norm(back):
+            raise ValueError(f"eye, target and up must not lie on one line; got {eye}, {target}, {up}")
+
+
+def _checked_opening(value: object, name: str, most: float) -> Array:
+    array = as_parameter(value)
+    if not isinstance(array, Tracer) and not (array.shape == () and 0 < float(array) < most):
+        raise ValueError(f"{name} must be a number > 0 and < {most:g}; got {value}")
+    return array
+
+
+class AbstractCamera(eqx.Module):
+    """An eye that looks at a target, `up` upright in the image. All computing is in the type of the points."""
+
+    eye: eqx.AbstractVar[Float[Array, "3"]]
+    target: eqx.AbstractVar[Float[Array, "3"]]
+    up: eqx.AbstractVar[Float[Array, "3"]]
+
+    @abc.abstractmethod
+    def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
+        """Where the points lie on the screen."""
+
+    @abc.abstractmethod
+    def corrected(self, weights: Float[Array, "3 ..."], nearness: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
+        """Weights of the corners of a triangle in space, from those on the screen and the nearness of the corners."""
+
+    @abc.abstractmethod
+    def view(self, points: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
+        """Unit vectors from the points to the eye."""
+
+    @abc.abstractmethod
+    def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+        """Origins and unit directions of the rays through the pixels."""
+
+    def frame(self, dtype: Any) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
+        """The eye, the unit vectors to the right, up and from target to eye (the rows of a matrix), the distance between."""
+        eye, target, up = (part.astype(dtype) for part in (self.eye, self.target, self.up))
+        distance = jnp.sqrt(jnp.sum((eye - target) ** 2))
+        back = (eye - target) / distance
+        right = jnp.cross(up, back)
+        right = right / jnp.sqrt(jnp.sum(right * right))
+        return eye, jnp.stack([right, jnp.cross(back, right), back]), distance
+
+    def in_frame(self, points: Float[Array, "3 ..."]) -> tuple[Float[Array, "3 ..."], Float[Array, ""]]:
+        """The points from the eye in the camera's axes (right, up, depth before the eye), and the distance to the target."""
+        eye, axes, distance = self.frame(points.dtype)
+        right, up, back = jnp.tensordot(axes, points - eye.reshape(3, *[1] * (points.ndim - 1)), 1)
+        return jnp.stack([right, up, -back]), distance
+
+
+def _screen(right: Array, up: Array, half_height: Array, size: Size) -> Array:
+    height, width = size
+    scale = height / (2 * half_height)
+    return jnp.stack([width / 2 + right * scale, height / 2 - up * scale])
+
+
+@final
+class Orthographic(AbstractCamera):
+    """Parallel rays; the image is 2 `half_height` high in space. ValueError unless the numbers are finite and make a frame."""
+
+    eye: Float[Array, "3"]
+    target: Float[Array, "3"]
+    up: Float[Array, "3"]
+    half_height: Float[Array, ""]
+
+    def __init__(
+        self,
+        eye: object = (0.0, 0.0, 5.0),
+        target: object = (0.0, 0.0, 0.0),
+        up: object = (0.0, 1.0, 0.0),
+        half_height: object = 1.05,
+    ):
+        self.eye, self.target, self.up = as_parameter(eye), as_parameter(target), as_parameter(up)
+        self.half_height = _checked_opening(half_height, "half_height", np.inf)
+        _checked_frame(self.eye, self.target, self.up)
+
+    def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
+        (right, up, depth), distance = self.in_frame(points)
+        return Projected(_screen(right, up, self.half_height.astype(points.dtype), size), -depth, depth > _NEAR * distance)
+
+    def corrected(self, weights: Float[Array, "3 ..."], nearness: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
+        return weights
+
+    def view(self, points: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
+        back = self.frame(points.dtype)[1][2]
+        return jnp.broadcast_to(back.reshape(3, *[1] * (points.ndim - 1)), points.shape)
+
+    def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+        eye, axes, _ = self.frame(dtype)
+        across = _across(self.half_height.astype(dtype), size, dtype)
+        origins = eye[:, None, None] + jnp.tensordot(axes[:2].T, across, 1)
+        return origins, jnp.broadcast_to(-axes[2][:, None, None], origins.shape)
+
+
+@final
+class Perspective(AbstractCamera):
+    """Rays from the eye; `field_of_view` is the full vertical angle in degrees. ValueError as for `Orthographic`."""
+
+    eye: Float[Array, "3"]
+    target: Float[Array, "3"]
+    up: Float[Array, "3"]
+    field_of_view: Float[Array, ""]
+
+    def __init__(
+        self,
+        eye: object = (0.0, 0.0, 5.0),
+        target: object = (0.0, 0.0, 0.0),
+        up: object = (0.0, 1.0, 0.0),
+        field_of_view: object = 25.0,
+    ):
+        self.eye, self.target, self.up = as_parameter(eye), as_parameter(target), as_parameter(up)
+        self.field_of_view = _checked_opening(field_of_view, "field_of_view", 180.0)
+        _checked_frame(self.eye, self.target, self.up)
+
+    def _half_height(self, dtype: Any) -> Array:
+        return jnp.tan(self.field_of_view.astype(dtype) * (np.pi / 360))
+
+    def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
+        (right, up, depth), distance = self.in_frame(points)
+        in_front = depth > _NEAR * distance
+        nearness = 1 / jnp.where(in_front, depth, 1)
+        return Projected(_screen(right * nearness, up * nearness, self._half_height(points.dtype), size), nearness, in_front)
+
+    def corrected(self, weights: Float[Array, "3 ..."], nearness: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
+        # What is affine in space, divided by depth, is affine on the screen; so is 1 / depth itself.
+        shares = weights * nearness
+        return shares / jnp.sum(shares, axis=0)
+
+    def view(self, points: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
+        towards = self.eye.astype(points.dtype).reshape(3, *[1] * (points.ndim - 1)) - points
+        return towards / jnp.sqrt(jnp.sum(towards * towards, axis=0))
+
+    def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+        eye, axes, _ = self.frame(dtype)
+        across = _across(self._half_height(dtype), size, dtype)
+        directions = jnp.tensordot(axes[:2].T, across, 1) - axes[2][:, None, None]
+        directions = directions / jnp.sqrt(jnp.sum(directions * directions, axis=0))
+        return jnp.broadcast_to(eye[:, None, None], directions.shape), directions
+
+
+def _across(half_height: Array, size: Size, dtype: Any) -> Array:
+    """Right and up of every pixel from the centre of the image, in units of space."""
+    height, width = size
+    x, y = pixel_centres(size, dtype)
+    return jnp.stack([x - width / 2, height / 2 - y]) * (2 * half_height / height)

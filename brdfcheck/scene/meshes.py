@@ -1,0 +1,209 @@
+"""Triangle meshes as shared vertices and faces (vertex lists), spheres and sheets, and the normals of faces and vertices.
+
+A mesh holds positions and topology only. Normals are computed from the positions whenever they are asked for, so a
+deformed mesh cannot keep the normals of its old shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from brdfcheck.brdf import as_parameter
+
+Weighting = Literal["unit", "area"]
+
+
+@final
+class Mesh(eqx.Module):
+    """Vertices of shape (vertices, 3) and faces of shape (faces, 3): vertex numbers, counterclockwise seen from outside.
+
+    Raises ValueError where a coordinate is not finite, a face names a vertex that is not there, a triangle is degenerate
+    (two equal vertices, or no area to working precision) or a vertex belongs to no face. Traced values are not checked.
+    """
+
+    vertices: Float[Array, "vertices 3"]
+    faces: Int[Array, "faces 3"]
+
+    def __init__(self, vertices: object, faces: object):
+        self.vertices, self.faces = as_parameter(vertices), jnp.asarray(faces)
+        for name, part in (("vertices", self.vertices), ("faces", self.faces)):
+            if part.ndim != 2 or part.shape[1] != 3 or not len(part):
+                raise ValueError(f"{name} must be a table of rows of three; got the shape {part.shape}")
+        if not jnp.issubdtype(self.faces.dtype, jnp.integer):
+            raise ValueError(f"faces must hold vertex numbers, which are integers; got {self.faces.dtype}")
+        self.faces = self.faces.astype(jnp.int32)
+        if not isinstance(self.vertices, Tracer) and not isinstance(self.faces, Tracer):
+            _check(np.asarray(self.vertices), np.asarray(self.faces))
+
+
+def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
+    if not np.all(np.isfinite(vertices)):
+        worst = int(np.argmin(np.all(np.isfinite(vertices), axis=1)))
+        raise ValueError(f"vertices must be finite; vertex {worst} is {vertices[worst].tolist()}")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        worst = int(np.argmax(np.any((faces < 0) | (faces >= len(vertices)), axis=1)))
+        raise ValueError(f"faces must name vertices 0 to {len(vertices) - 1}; face {worst} is {faces[worst].tolist()}")
+    corners = vertices[faces].astype(float)
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = np.max(np.sum(edges**2, axis=-1), axis=-1)
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    flat = ~(area > 8 * np.finfo(vertices.dtype).eps * longest)
+    if np.any(flat):
+        worst = int(np.argmax(flat))
+        raise ValueError(f"triangles must have an area; face {worst}, vertices {faces[worst].tolist()}, has none")
+    unused = np.setdiff1d(np.arange(len(vertices)), faces)
+    if unused.size:
+        raise ValueError(f"every vertex must belong to a face; vertex {unused[0]} belongs to none")
+
+
+def _normalised(vectors: Array) -> Array:
+    square = jnp.sum(vectors * vectors, axis=-1, keepdims=True)
+    return jnp.where(square > 0, vectors / jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
+def face_vectors(mesh: Mesh) -> Float[Array, "faces 3"]:
+    """Twice the area of each face times its unit normal: the cross product of two of its edges."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    return jnp.cross(b - a, c - a)
+
+
+@jax.jit
+def face_normals(mesh: Mesh) -> Float[Array, "faces 3"]:
+    """Unit normals of the faces, towards the side from which their vertices run counterclockwise."""
+    return _normalised(face_vectors(mesh))
+
+
+def vertex_normals(mesh: Mesh, weighting: Weighting = "unit") -> Float[Array, "vertices 3"]:
+    """The normalised sum of the normals of the faces around each vertex (Gouraud 1971).
+
+    "unit" adds unit normals, "area" weighs them by the area of their faces. ValueError for another weighting, and where the
+    normals around a vertex cancel (in a traced mesh, that normal is the zero vector).
+    """
+    if weighting not in ("unit", "area"):
+        raise ValueError(f"weighting must be unit or area; got {weighting!r}")
+    normals = _summed_normals(mesh, weighting)
+    if not isinstance(normals, Tracer) and not np.all(np.any(np.asarray(normals), axis=1)):
+        worst = int(np.argmin(np.any(np.asarray(normals), axis=1)))
+        raise ValueError(f"the normals of the faces around vertex {worst} cancel: it has no normal")
+    return normals
+
+
+@eqx.filter_jit
+def _summed_normals(mesh: Mesh, weighting: Weighting) -> Array:
+    vectors = face_normals(mesh) if weighting == "unit" else face_vectors(mesh)
+    return _normalised(jnp.zeros_like(mesh.vertices).at[mesh.faces.T].add(vectors))
+
+
+def deformed(mesh: Mesh, move: Callable[[Array], Any]) -> Mesh:
+    """The mesh with its vertices at ``move(vertices)``, shape (vertices, 3), and the same faces.
+
+    ValueError as for `Mesh`: where a triangle collapses or a coordinate is not finite.
+    """
+    return Mesh(move(mesh.vertices), mesh.faces)
+
+
+def _integer(value: int, name: str, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
+        raise ValueError(f"{name} must be an integer from {least} to {most}; got {value!r}")
+    return int(value)
+
+
+def _positive(value: float, name: str) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be finite and > 0; got {value}")
+    return float(value)
+
+
+def _mesh(vertices: np.ndarray, faces: np.ndarray, dtype: Any) -> Mesh:
+    return Mesh(jnp.asarray(vertices, dtype), faces)
+
+
+def icosphere(level: int = 2, dtype: Any = None) -> Mesh:
+    """The icosahedron with each face cut in four `level` times and its vertices on the unit sphere: 20 * 4^level faces.
+
+    ValueError unless `level` is an integer from 0 to 8.
+    """
+    golden = (1 + np.sqrt(5)) / 2
+    signs = np.array([(i, j) for i in (-1, 1) for j in (-1, 1)])
+    block = np.column_stack([signs[:, 0], golden * signs[:, 1], np.zeros(4)])
+    vertices = np.concatenate([np.roll(block, turn, axis=1) for turn in range(3)])
+    # Three vertices at the least distance, 2, of one another make a face.
+    near = np.isclose(np.sum((vertices[:, None] - vertices) ** 2, axis=-1), 4)
+    i, j, k = np.nonzero(near[:, :, None] & near[:, None, :] & near[None, :, :])
+    faces = np.stack([i, j, k], axis=1)[(i < j) & (j < k)]
+    inward = np.linalg.det(vertices[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    for _ in range(_integer(level, "level", 0, 8)):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        pairs, edge = np.unique(edges, axis=0, return_inverse=True)
+        ab, bc, ca = len(vertices) + edge.reshape(3, -1)
+        middles = vertices[pairs].sum(axis=1)
+        vertices = np.concatenate([vertices, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
+        a, b, c = faces.T
+        faces = np.concatenate([np.stack(part, 1) for part in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+    return _mesh(vertices, faces, dtype)
+
+
+def latitude_longitude_sphere(rows: int, columns: int, dtype: Any = None) -> Mesh:
+    """The unit sphere cut into `rows` bands of latitude and `columns` of longitude: 2 columns (rows - 1) faces, poles +-z.
+
+    ValueError unless there are at least 2 rows and 3 columns.
+    """
+    rows, columns = _integer(rows, "rows", 2, 4096), _integer(columns, "columns", 3, 4096)
+    polar, azimuth = np.pi * np.arange(1, rows) / rows, 2 * np.pi * np.arange(columns) / columns
+    x, y = (np.outer(np.sin(polar), part(azimuth)).ravel() for part in (np.cos, np.sin))
+    ring = np.stack([x, y, np.repeat(np.cos(polar), columns)], axis=1)
+    vertices = np.concatenate([[[0, 0, 1.0]], ring, [[0, 0, -1.0]]])
+    here, there = np.arange(columns), (np.arange(columns) + 1) % columns
+    faces = [np.stack([np.zeros_like(here), 1 + here, 1 + there], axis=1)]
+    for start in range(1, 1 + columns * (rows - 2), columns):
+        a, b, c, d = start + here, start + there, start + columns + here, start + columns + there
+        faces += [np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)]
+    last = 1 + columns * (rows - 2)
+    faces.append(np.stack([last + here, np.full_like(here, len(vertices) - 1), last + there], axis=1))
+    return _mesh(vertices, np.concatenate(faces), dtype)
+
+
+def _sheet(x: np.ndarray, z: np.ndarray, rows: int, dtype: Any) -> Mesh:
+    # Heights over x, drawn out along y. The diagonals of neighbouring columns mirror each other: the faces left and right of
+    # a ridge then weigh the same in the normals of its vertices, also at the ends of the ridge.
+    columns = len(x) - 1
+    y = np.linspace(-1, 1, rows + 1)
+    vertices = np.stack([np.tile(x, rows + 1), np.repeat(y, columns + 1), np.tile(z, rows + 1)], axis=1)
+    corner = np.arange((columns + 1) * (rows + 1)).reshape(rows + 1, columns + 1)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
+    rising = (np.arange(columns) % 2 == 0)[None]
+    first = np.where(rising, [a, b, d], [a, b, c])
+    second = np.where(rising, [a, d, c], [b, d, c])
+    return _mesh(vertices, np.concatenate([first, second], axis=1).reshape(3, -1).T, dtype)
+
+
+def zigzag(waves: int = 8, slope: float = 0.9, rows: int = 8, dtype: Any = None) -> Mesh:
+    """A sheet over [-1, 1]^2 folded along lines parallel to y: facets of the slopes +slope and -slope in turn.
+
+    Its inner vertex normals are all parallel to z: interpolation shows nothing of the folds. ValueError unless `waves` and
+    `rows` are integers >= 1 and the slope is > 0.
+    """
+    waves, rows = _integer(waves, "waves", 1, 4096), _integer(rows, "rows", 1, 4096)
+    x = np.linspace(-1, 1, 2 * waves + 1)
+    return _sheet(x, _positive(slope, "slope") / waves * (np.arange(2 * waves + 1) % 2), rows, dtype)
+
+
+def corrugated(waves: int = 8, slope: float = 0.9, segments: int = 8, rows: int = 8, dtype: Any = None) -> Mesh:
+    """A sheet over [-1, 1]^2 in sine waves along x, of the steepest slope `slope`, with `segments` facets to a wave.
+
+    With 4 facets to a wave and more, vertex normals on the flanks differ and interpolation keeps the waves. ValueError unless
+    `waves` and `rows` are integers >= 1, `segments` is one >= 3 and the slope is > 0.
+    """
+    waves, rows = _integer(waves, "waves", 1, 4096), _integer(rows, "rows", 1, 4096)
+    x = np.linspace(-1, 1, waves * _integer(segments, "segments", 3, 4096) + 1)
+    return _sheet(x, _positive(slope, "slope") / (np.pi * waves) * np.sin(np.pi * waves * (x + 1)), rows, dtype)

@@ -1,0 +1,115 @@
+"""Flat, Gouraud and Phong shading of a mesh on the buffers of the rasteriser.
+
+A shader is any ``shader(point, normal, view) -> rgb`` over component-first fields: it is called once per face (flat), per
+vertex (Gouraud 1971) or per pixel (Phong 1975), which is the whole difference between the three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf import as_parameter
+from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
+from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
+from brdfcheck.scene.raster import Fragments, rasterise
+from brdfcheck.scene.shading import shade
+
+Shader = Callable[[Array, Array, Array], Array]
+Image = Float[Array, "3 height width"]
+
+
+def flat(mesh: Mesh, camera: AbstractCamera, fragments: Fragments, normals: Array, shader: Shader) -> Image:
+    """One colour for each face, shaded at its centre with its own normal; `normals` are not used."""
+    centres = jnp.mean(mesh.vertices[mesh.faces], axis=1).T
+    return fragments.of_face(shader(centres, face_normals(mesh).T, camera.view(centres)))
+
+
+def gouraud(mesh: Mesh, camera: AbstractCamera, fragments: Fragments, normals: Array, shader: Shader) -> Image:
+    """Colours at the vertices, interpolated. `normals`: unit, shape (vertices, 3)."""
+    points = mesh.vertices.T
+    return fragments.interpolate(mesh.faces, shader(points, normals.T, camera.view(points)))
+
+
+def phong(mesh: Mesh, camera: AbstractCamera, fragments: Fragments, normals: Array, shader: Shader) -> Image:
+    """Normals at the vertices, interpolated, made unit again and shaded in each pixel. `normals`: unit, shape (vertices, 3)."""
+    points = fragments.interpolate(mesh.faces, mesh.vertices.T)
+    return shader(points, unit_normals(mesh, fragments, normals), camera.view(points))
+
+
+SHADINGS: Mapping[str, Callable[[Mesh, AbstractCamera, Fragments, Array, Shader], Array]] = MappingProxyType(
+    {"flat": flat, "gouraud": gouraud, "phong": phong}
+)
+
+
+def unit_normals(mesh: Mesh, fragments: Fragments, normals: Float[Array, "vertices 3"]) -> Image:
+    """Vertex normals interpolated and made unit again; where they cancel, the zero vector."""
+    blended = fragments.interpolate(mesh.faces, normals.T)
+    square = jnp.sum(blended * blended, axis=0)
+    return jnp.where(square > 0, blended / jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
+def shade_mesh(
+    mesh: Mesh,
+    camera: AbstractCamera,
+    shader: Shader,
+    *,
+    size: Size,
+    shading: str = "phong",
+    weighting: Weighting = "unit",
+    normals: Float[Array, "vertices 3"] | None = None,
+    background: Any = 0.0,
+    interpolation: str = "area",
+    cull: bool = True,
+) -> Image:
+    """A linear image (3, height, width): the mesh under `shader`, before `background` (a number, a colour or an image).
+
+    `shading` is one of `SHADINGS`; `normals`, unit vectors at the vertices, stand in for those of `vertex_normals`. For use
+    under jit. ValueError for an unknown shading, and as for `rasterise` and `vertex_normals`.
+    """
+    if shading not in SHADINGS:
+        raise ValueError(f"shading must be one of {', '.join(SHADINGS)}; got {shading!r}")
+    if normals is None:
+        normals = vertex_normals(mesh, weighting)
+    fragments = rasterise(mesh, camera, size, cull=cull, interpolation=interpolation)
+    image = SHADINGS[shading](mesh, camera, fragments, normals, shader)
+    behind = jnp.asarray(background, image.dtype)
+    return jnp.where(fragments.covered, image, behind if behind.ndim != 1 else behind[:, None, None])
+
+
+@eqx.filter_jit
+def _render(mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, background: Any, options: dict[str, Any]) -> Image:
+    def shader(point: Array, normal: Array, view: Array) -> Array:
+        return shade(material, lights, point, normal, view)
+
+    return shade_mesh(mesh, camera, shader, background=background, **options)
+
+
+@eqx.filter_jit
+def _in_front(mesh: Mesh, camera: AbstractCamera) -> Array:
+    return camera.project(mesh.vertices.T, (1, 1)).in_front
+
+
+def render_mesh(
+    mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, *, size: Size, background: Any = 0.0, **options: Any
+) -> Image:
+    """`shade_mesh` with a material under lights, compiled: numbers are traced, options are not.
+
+    Raises ValueError besides where part of the mesh lies behind the eye: the camera is inside it, or past it.
+    """
+    size = checked_size(size)
+    if not any(isinstance(part, Tracer) for part in (mesh.vertices, camera.eye, camera.target)):
+        behind = ~np.asarray(_in_front(mesh, camera))
+        if np.any(behind):
+            raise ValueError(
+                f"the camera at {np.asarray(camera.eye).tolist()} is inside the mesh or beyond it: "
+                f"{int(behind.sum())} of {behind.size} vertices are behind it"
+            )
+    return _render(mesh, camera, material, lights, as_parameter(background), {"size": size, **options})
