@@ -98,8 +98,8 @@ class AlbedoFit:
 
     `max_error`: the largest absolute error seen on the `checked` grid and around its worst point `where`, plus the bar of the
     albedo itself (`table_error`). `relative_error`: the largest error relative to the albedo, which is met where the albedo is
-    small, towards grazing incidence; `rms_error`: both over the same grid. `denominator_bound`: proven lower bound of the denominator
-    on the whole square, whose largest coefficient is `denominator_scale`; positive, so there is no pole.
+    small, towards grazing incidence; `rms_error`: both over the same grid. `denominator_bound`: proven lower bound of the
+    denominator on the whole square, whose largest coefficient is `denominator_scale`; positive, so there is no pole.
     """
 
     name: str

@@ -436,8 +436,8 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any]) -> str:
     low, high = (float(value) for value in raw(np.array([raw.low, raw.high])))
     if high > low:
         return (
-            f"{text}: the raw albedo does not fall with n ({low:.4g} at n={raw.low:g}, {high:.4g} at n={raw.high:g}), and of the"
-            " factors that do not fall with n, B > 0, the best is a constant in all but name"
+            f"{text}: the raw albedo does not fall with n ({low:.4g} at n={raw.low:g}, {high:.4g} at n={raw.high:g}), and of"
+            " the factors that do not fall with n, B > 0, the best is a constant in all but name"
         )
     places = np.unique([raw.low, where, raw.high])
     products = places * raw(places)

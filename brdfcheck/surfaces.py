@@ -37,7 +37,7 @@ class AlbedoGrid:
 
 
 def formula_of(family: Family) -> str:
-    """The catalogue's formula of a family, with a note where its factor was replaced; empty for what is not in the catalogue."""
+    """The catalogue's formula of a family, with a note where its factor was replaced; empty for what it does not hold."""
     entry = next((entry for entry in catalog.entries() if entry.name == family.name), None)
     if entry is None:
         return ""

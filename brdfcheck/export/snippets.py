@@ -182,8 +182,8 @@ def _header(language: _Language, fit: AlbedoFit, factor: Any, prefix: str, comma
         f" {own}. Never clamped: it may exceed 1 where the BRDF does, or by the error.",
         f"Largest error seen: {fit.max_error:.3g} (rms {fit.rms_error:.2g}) on {fit.checked[0]} x {fit.checked[1]} points and"
         f" around the worst one, at {', '.join(f'{key} = {value:.6g}' for key, value in fit.where.items())};"
-        f" the bar of the quadrature, {fit.table_error:.1g}, is included. Relative to the albedo at most {fit.relative_error:.2g},"
-        " where the albedo is small.",
+        f" the bar of the quadrature, {fit.table_error:.1g}, is included."
+        f" Relative to the albedo at most {fit.relative_error:.2g}, where the albedo is small.",
         f"Rational function of x = {x} and y = {y}, scaled to [-1, 1]: {fit.coefficients} coefficients, {fit.flops} flops."
         f" The denominator is proven to be >= {fit.denominator_bound:.3g} on the whole square: no pole.",
         f"Made by: {command or _call(fit)}",

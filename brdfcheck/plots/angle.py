@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from brdfcheck.plots import exponent, paper
 from brdfcheck.plots.styles import Style, styles
 
-
 # Labels of more curves than these find no place beside the axes.
 _MOST = 40
 
