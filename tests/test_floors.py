@@ -31,7 +31,7 @@ FLOORS = [
         "curve_files",
         "plots",
     },
-    {"console", "export", "studies"},
+    {"console", "export", "studies", "transport"},
     {"cli"},
     {"__main__", "__init__"},
 ]

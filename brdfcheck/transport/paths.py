@@ -1,0 +1,291 @@
+r"""Monte Carlo paths inside a sphere or a box: the same light, without patches on the way, for any lobe of the catalogue.
+
+A path begins on a patch with a chance in proportion to its emitted power, leaves with the density (N.w)/pi, and at each
+meeting with the wall is multiplied by f (N.wo)/p for a direction wo of density p. What it reflects at a patch is counted
+there (the collision estimator). Between bounces Russian roulette ends paths with the chance that their weight lacks to 1, so
+the mean stays what it is. All randomness comes from the key.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf import AbstractBRDF
+from brdfcheck.factors import peel
+from brdfcheck.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
+from brdfcheck.transport.completion import Completed
+from brdfcheck.transport.enclosures import Box, Sphere
+from brdfcheck.transport.radiosity import checked_steps
+from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_of, standing
+
+Sampling = Literal["lobe", "cosine"]
+Equation = Literal["continuous", "patches"]
+# Groups of paths whose scatter gives the standard error, and rays that travel together in a group.
+_GROUPS, _LANES = 32, 128
+# How directions are shared out between the lobe's main proposal, its tail and the cosine. Each share that is not where the
+# lobe is multiplies the variance with every bounce; a power of the cosine is its main proposal and needs no other.
+_SHARES = {"power": (1.0, 0.0, 0.0), "zonal": (0.8, 0.1, 0.1), "facets": (0.9, 0.0, 0.1)}
+# A path that weighs more than so many others.
+_HEAVY = 32
+_TINY = 1e-18
+
+
+class Energy(eqx.Module):
+    """Mean energy after 0, 1, 2, ... bounces of light that began with 1, and its standard error; (bounces + 1,) each."""
+
+    mean: Float[Array, " bounces"]
+    error: Float[Array, " bounces"]
+
+
+def trace(
+    enclosure: Sphere | Box,
+    emission: Any,
+    reflectance: Any = 1.0,
+    *,
+    key: Any,
+    brdf: AbstractBRDF | None = None,
+    paths: int = 2**16,
+    sampling: str = "lobe",
+    equation: str = "continuous",
+    max_bounces: int = 2000,
+) -> Solution:
+    """The radiosity of each patch by path tracing, with standard errors (at least one emitting patch).
+
+    `emission` (power per area, diffuse) and `reflectance` as for `direct`; the walls' BRDF is `reflectance` times `brdf`
+    (Lambert's by default). `paths` is rounded up to a multiple of 4096. `sampling`: "lobe" draws where the lobe is, "cosine"
+    never, which for a sharp lobe ends in the status HEAVY. `equation`: "continuous" is the light itself; "patches" draws the
+    place on a patch anew at each bounce, which makes it the discrete equation that the other solvers solve (diffuse walls
+    only). Refuses where the spectral radius of diffuse walls is 1 or more, and where paths are under way after `max_bounces`
+    reflections each: value NaN, error inf.
+    Raises ValueError for bad values, counts and words, no light or no key, TypeError for an enclosure without geometry or a
+    BRDF that is neither about an axis nor made of facets.
+    """
+    _checked(enclosure, key, sampling)
+    if equation not in get_args(Equation):
+        raise ValueError(f"equation must be one of {', '.join(get_args(Equation))}; got {equation!r}")
+    diffuse = brdf is None or isinstance(brdf, Lambert)
+    if equation == "patches" and not diffuse:
+        raise ValueError("the equation of patches is for diffuse walls: with other BRDFs light has a direction")
+    lanes = _GROUPS * _LANES
+    each = -(-checked_steps(paths, "paths") // lanes)
+    posed = problem(enclosure, emission, reflectance)
+    if not float(jnp.sum(posed.emission)) > 0:
+        raise ValueError("nothing emits: at least one patch must have an emission above 0")
+    wall = _of_type(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
+    most = jnp.asarray(checked_steps(max_bounces, "max_bounces") * each)
+    return _trace(enclosure, posed, wall, key, jnp.asarray(each), most, sampling, equation, diffuse)
+
+
+@eqx.filter_jit
+def _trace(
+    enclosure: Any, posed: Problem, brdf: Any, key: Any, each: Array, most: Array, sampling: str, equation: str, diffuse: bool
+) -> Solution:
+    dtype, patches, lanes = posed.areas.dtype, posed.areas.size, _GROUPS * _LANES
+    group = jnp.asarray(np.repeat(np.arange(_GROUPS, dtype=np.int32), _LANES))
+    power = posed.areas * posed.emission
+    # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
+    known = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * _white(brdf)) if diffuse else posed
+    radius = radius_of(known) if diffuse else _unknown(posed)
+    code = standing(radius, refuses=True) if diffuse else jnp.asarray(int(Status.SOLVED))
+    ladder = jnp.cumsum(power) / jnp.sum(power)
+
+    def emit(key: Any) -> tuple[Array, Array, Array]:
+        draws = jax.random.uniform(key, (lanes, 5), dtype)
+        patch = jnp.minimum(jnp.searchsorted(ladder, draws[:, 0], side="right"), patches - 1)
+        point, normal = enclosure.point(patch, draws[:, 1:3])
+        return point, _to_world(normal, _cosine(draws[:, 3:])), patch
+
+    def bounce(state: Any) -> Any:
+        point, direction, weight, left, tally, heaviest, step = state
+        point, normal, patch = enclosure.hit(point, direction)
+        draw = jax.random.split(jax.random.fold_in(key, 2 * step), 3)
+        u = jax.random.uniform(draw[0], (lanes, 6), dtype)
+        if equation == "patches":
+            point, normal = enclosure.point(patch, u[:, 4:])
+        alive = left > 0
+        if diffuse:
+            # (N.w)/pi is the diffuse wall's own density: what is left is the reflectance, wherever the ray comes from.
+            leaving, factor = _to_world(normal, _cosine(u[:, :2])), jnp.full_like(weight, 1) * _white(brdf)
+        else:
+            leaving, factor = _scatter(brdf, direction, normal, u[:, :4], sampling)
+        weight = jnp.where(alive, weight * factor * posed.reflectance[patch], 0)
+        tally = tally.at[group * patches + patch].add(weight)
+        survives = jax.random.uniform(draw[1], (lanes,), dtype) < weight
+        weight = jnp.where(survives, jnp.maximum(weight, 1), 0)
+        # A lane whose path has ended begins its next one.
+        left = left - jnp.where(alive & ~survives, 1, 0).astype(left.dtype)
+        fresh_point, fresh_direction, _ = emit(draw[2])
+        point = jnp.where(survives[:, None], point, fresh_point)
+        direction = jnp.where(survives[:, None], leaving, fresh_direction)
+        heaviest = jnp.maximum(heaviest, jnp.max(weight))
+        return point, direction, jnp.where(survives, weight, 1), left, tally, heaviest, step + 1
+
+    def goes_on(state: Any) -> Array:
+        return jnp.any(state[3] > 0) & (state[6] < most) & (code == Status.SOLVED)
+
+    point, direction, _ = emit(jax.random.fold_in(key, 1))
+    start = (
+        point, direction, jnp.ones(lanes, dtype), jnp.broadcast_to(each, (lanes,)), jnp.zeros(_GROUPS * patches, dtype),
+        jnp.asarray(0.0, dtype), jnp.asarray(0),
+    )  # fmt: skip
+    _, _, _, left, tally, heaviest, steps = jax.lax.while_loop(goes_on, bounce, start)
+    # Each path carries the same power; a group's tally is an estimate of its own.
+    count = (each * _LANES).astype(dtype)
+    groups = posed.emission + tally.reshape(_GROUPS, patches) * jnp.sum(power) / (count * posed.areas)
+    value, spread = jnp.mean(groups, axis=0), jnp.std(groups, axis=0, ddof=1) / np.sqrt(_GROUPS)
+    code = jnp.where((code == Status.SOLVED) & jnp.any(left > 0), int(Status.STILL_MOVING), code)
+    solved = code == Status.SOLVED
+    value, error = jnp.where(solved, value, jnp.nan), jnp.where(solved, spread, jnp.inf)
+    code = jnp.where(solved & (heaviest > _HEAVY), int(Status.HEAVY), code)
+    residual = jnp.max(jnp.abs(known.residual(value))) if diffuse else jnp.asarray(jnp.nan, dtype)
+    cost = steps.astype(dtype) * lanes
+    return Solution(value, error, residual, cost, each * lanes, radius, code, "paths")
+
+
+def _unknown(posed: Problem) -> Radius:
+    nothing = jnp.asarray(0.0, posed.areas.dtype)
+    return Radius(nothing, nothing + jnp.inf, jnp.ones_like(posed.areas), jnp.asarray(0))
+
+
+def _white(brdf: Any) -> Any:
+    return brdf.reflectance if isinstance(brdf, Lambert) else 1.0
+
+
+def energy_after_bounces(
+    enclosure: Sphere | Box,
+    brdf: AbstractBRDF,
+    bounces: int,
+    *,
+    key: Any,
+    paths: int = 2**16,
+    sampling: str = "lobe",
+    beam: bool = False,
+) -> Energy:
+    """The energy of light after each bounce in an enclosure whose walls all have this BRDF.
+
+    The light begins evenly on the walls, with the density (N.w)/pi, or, as a `beam`, along the normal. `paths` is rounded up
+    to a multiple of 4096. After a bounce as many rays are drawn from those that there are, in proportion to their weights, so
+    that none outweighs the others however many bounces. Errors are one standard error. Raises as `trace` does.
+    """
+    _checked(enclosure, key, sampling)
+    each = -(-checked_steps(paths, "paths") // (_GROUPS * _LANES)) * _LANES
+    wall = _of_type(brdf, enclosure.areas.dtype)
+    return _energy(enclosure, wall, key, checked_steps(bounces, "bounces"), each, sampling, bool(beam))
+
+
+@eqx.filter_jit
+def _energy(enclosure: Any, brdf: Any, key: Any, bounces: int, each: int, sampling: str, beam: bool) -> Energy:
+    dtype = enclosure.areas.dtype
+    ladder = jnp.cumsum(enclosure.areas) / jnp.sum(enclosure.areas)
+
+    def group(key: Any) -> Array:
+        draws = jax.random.uniform(jax.random.fold_in(key, 0), (each, 5), dtype)
+        patch = jnp.minimum(jnp.searchsorted(ladder, draws[:, 0], side="right"), ladder.size - 1)
+        point, normal = enclosure.point(patch, draws[:, 1:3])
+        direction = normal if beam else _to_world(normal, _cosine(draws[:, 3:]))
+
+        def bounce(state: Any, step: Array) -> tuple[Any, Array]:
+            point, direction, energy = state
+            point, normal, _ = enclosure.hit(point, direction)
+            u = jax.random.uniform(jax.random.fold_in(key, step), (each, 5), dtype)
+            direction, weight = _scatter(brdf, direction, normal, u[:, :4], sampling)
+            # A comb with one tooth for each ray: the mean number of copies is the weight by the mean weight.
+            heap = jnp.cumsum(weight)
+            teeth = (jnp.arange(each).astype(dtype) + u[0, 4]) * (heap[-1] / each)
+            chosen = jnp.minimum(jnp.searchsorted(heap, teeth, side="right"), each - 1)
+            energy = energy * heap[-1] / each
+            return (point[chosen], direction[chosen], energy), energy
+
+        _, energies = jax.lax.scan(bounce, (point, direction, jnp.asarray(1.0, dtype)), jnp.arange(1, bounces + 1))
+        return energies
+
+    groups = jax.lax.map(group, jax.random.split(key, _GROUPS))
+    one = jnp.ones(1, dtype)
+    mean, error = jnp.mean(groups, axis=0), jnp.std(groups, axis=0, ddof=1) / np.sqrt(_GROUPS)
+    return Energy(jnp.concatenate([one, mean]), jnp.concatenate([0 * one, error]))
+
+
+# --- directions ---
+
+
+def _cosine(u: Float[Array, "rays 2"]) -> Float[Array, "rays 3"]:
+    """Directions about +z of density (N.w)/pi."""
+    ring, azimuth = jnp.sqrt(u[:, 0]), 2 * np.pi * u[:, 1]
+    return jnp.stack([ring * jnp.cos(azimuth), ring * jnp.sin(azimuth), jnp.sqrt(1 - u[:, 0])], axis=-1)
+
+
+def _to_world(normal: Array, local: Array) -> Array:
+    """From the frame of the normal, at any azimuth (Duff et al. 2017)."""
+    x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
+    sign = jnp.where(z >= 0, 1, -1).astype(z.dtype)
+    a = -1 / (sign + z)
+    first = jnp.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], axis=-1)
+    second = jnp.stack([x * y * a, sign + y * y * a, -y], axis=-1)
+    return local[:, :1] * first + local[:, 1:2] * second + local[:, 2:] * normal
+
+
+def _scatter(brdf: Any, direction: Array, normal: Array, u: Array, sampling: str) -> tuple[Array, Array]:
+    """Where rays that arrive along `direction` go, in the world, and f (N.wo) / p: (rays, 3), (rays,)."""
+    to_light = -direction
+    mu = jnp.clip(jnp.sum(to_light * normal, axis=-1), 1e-6, 1)
+    across = to_light - mu[:, None] * normal
+    length = jnp.linalg.norm(across, axis=-1, keepdims=True)
+    fallback = _to_world(normal, jnp.zeros_like(normal).at[:, 0].set(1))
+    first = jnp.where(length > 1e-6, across / jnp.where(length > 1e-6, length, 1), fallback)
+    wo, weight = jax.vmap(lambda mu, u: _leave(brdf, mu, u, sampling))(mu, u)
+    leaving = wo[:, :1] * first + wo[:, 1:2] * jnp.cross(normal, first) + wo[:, 2:] * normal
+    # What comes from above leaves above, in spite of rounding.
+    below = jnp.sum(leaving * normal, axis=-1) <= 0
+    return jnp.where(below[:, None], normal, leaving / jnp.linalg.norm(leaving, axis=-1, keepdims=True)), weight
+
+
+def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]:
+    """A direction in the frame where the light is at azimuth 0, and f (N.wo) / p, for one ray."""
+    core, _ = peel(brdf.brdf if isinstance(brdf, Completed) else brdf)
+    about_normal = _cosine(u[None, 1:3])[0]
+    wi = jnp.stack([jnp.sqrt((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
+    if sampling == "cosine":
+        return about_normal, np.pi * brdf(wi, about_normal)
+    lobe = LobeGeometry(core, mu)
+    kind = "facets" if lobe.facets else "power" if isinstance(core, (Phong, BlinnPhong)) else "zonal"
+    main, tail, cosine = _SHARES[kind]
+    if isinstance(brdf, Completed):  # what is given back leaves diffusely
+        given = 0.9 * brdf.share(mu) + 0.05
+        main, tail, cosine = main * (1 - given), tail * (1 - given), cosine * (1 - given) + given
+    azimuth = 2 * np.pi * u[2]
+    versine = jnp.where(u[0] < main, lobe.versine(1 - u[1]), lobe.tail_versine(u[1]))
+    wo, useful = lobe.directions(versine, azimuth)
+    drawn_about_normal = u[0] >= main + tail
+    wo = jnp.where(drawn_about_normal, about_normal, wo)
+    useful = (drawn_about_normal | (useful > 0)) & (wo[2] > 0)
+    wo = jnp.where(useful, wo, jnp.asarray([0, 0, 1], wo.dtype))
+    # The balance heuristic: by the density of all proposals together (Veach 1997).
+    versine, jacobian = lobe.angle(wo)
+    density = main * lobe.density(versine) + tail * lobe.tail_density(versine)
+    density = density / jnp.maximum(jacobian, _TINY) + cosine * wo[2] / np.pi
+    return wo, jnp.where(useful & (density > 0), brdf(wi, wo) * wo[2] / jnp.where(density > 0, density, 1), 0)
+
+
+def _checked(enclosure: Any, key: Any, sampling: str) -> None:
+    if not isinstance(enclosure, (Sphere, Box)):
+        raise TypeError(f"paths need a sphere or a box, whose walls are known; got {type(enclosure).__name__}")
+    if key is None or not jnp.issubdtype(getattr(key, "dtype", np.dtype(float)), jax.dtypes.prng_key) or key.shape:
+        raise ValueError(f"key must be one key of jax.random.key; got {key!r}")
+    if sampling not in get_args(Sampling):
+        raise ValueError(f"sampling must be one of {', '.join(get_args(Sampling))}; got {sampling!r}")
+
+
+def _of_type(brdf: Any, dtype: Any) -> Any:
+    """The BRDF in the precision of the enclosure. TypeError where its directions cannot be drawn."""
+    inner = brdf.brdf if isinstance(brdf, Completed) else brdf
+    core = peel(inner)[0] if isinstance(inner, AbstractBRDF) else inner
+    if not has_axis(core):
+        raise TypeError(f"paths need a lobe about an axis or one made of facets; got {type(core).__name__}")
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
