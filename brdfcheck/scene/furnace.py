@@ -20,11 +20,12 @@ from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLo
 from brdfcheck.factors import peel
 from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes
 from brdfcheck.scene.fresnel import FRESNELS
+from brdfcheck.scene.values import TINY
 
-# Nodes for 1e-5 with the catalogue's lobes: polar ones in each smooth piece, and in azimuth on half a circle.
-_POLAR = Order(20, 40)
-_AZIMUTH = 8
-_FACET_POLAR, _FACET_AZIMUTH = Order(16, 24, (2, 3), (3, 3)), 24
+# Nodes for 1e-5 with the catalogue's lobes: polar ones in each smooth piece, and in azimuth in each piece of half a circle.
+_POLAR, _AZIMUTH = Order(20, 40), 8
+_FACET_POLAR, _FACET_AZIMUTH = Order(24, 40), 14
+_SHARP_POLAR, _SHARP_AZIMUTH = Order(18, 24), 5  # V-cavities: six panels, three pieces
 # Evaluations at once: what stays in a processor's cache.
 _BLOCK = 2**17
 
@@ -44,14 +45,25 @@ def directional_albedo(
     facets = isinstance(core, AbstractMicrofacetLobe)
     form = "half" if isinstance(core, AbstractMicrofacetLobe) else core.form
     polar, around = (_FACET_POLAR, _FACET_AZIMUTH) if facets else (_POLAR, _AZIMUTH)
+    if getattr(core, "masking", "") == "v-cavities":
+        polar, around = _SHARP_POLAR, _SHARP_AZIMUTH
     turn, share = (jnp.asarray(table, cosine.dtype) for table in gauss(around))
 
     def pixel(mu: Array) -> Array:
         mu, sine = grazing_safe(mu)
         breaks = core.breaks(mu) if isinstance(core, AbstractMicrofacetLobe) else core.breaks()
         node, _ = polar_nodes(form, mu, breaks, core.width(), (polar,))
-        azimuth = node.azimuth[:, None] * turn
-        weight = 2 * (node.weight * node.azimuth)[:, None] * share
+        stops = jnp.stack([jnp.zeros_like(node.azimuth), node.azimuth])
+        if isinstance(core, AbstractMicrofacetLobe):  # masking has kinks in azimuth, known as values of V.H
+            across, along = jnp.sqrt(node.coversine / 2) * mu, jnp.sqrt(node.versine / 2) * sine
+            kinks = (core.azimuth_breaks(jnp.sqrt(node.coversine / 2), mu) - across) / jnp.maximum(along, TINY)
+            stops = jnp.insert(stops, 1, jnp.minimum(jnp.arccos(jnp.clip(kinks, -1, 1)), node.azimuth), axis=0)
+        length = jnp.maximum(stops[1:] - stops[:-1], 0)[..., None]
+        # (nodes, azimuths of all pieces)
+        azimuth, weight = (
+            jnp.moveaxis(part, 0, 1).reshape(node.weight.size, -1)
+            for part in (stops[:-1, :, None] + length * turn, 2 * node.weight[:, None] * length * share)
+        )
         if form == "mirror":  # about R, from the side of the normal
             axis, up, first = jnp.stack([-sine, 0 * mu, mu]), jnp.stack([mu, 0 * mu, sine]), node.cos
         else:
@@ -76,7 +88,7 @@ def directional_albedo(
         return jnp.sum(value * (weight[..., None] if value.ndim > weight.ndim else weight), axis=(0, 1))
 
     flat = cosine.reshape(-1)
-    nodes = around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([flat[0]] if facets else [])).size
+    nodes = 3 * around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([flat[0]] if facets else [])).size
     found = jax.lax.map(pixel, flat, batch_size=max(min(_BLOCK // nodes, flat.size), 1))
     return jnp.moveaxis(found, 0, -1).reshape(*found.shape[1:], *cosine.shape)
 

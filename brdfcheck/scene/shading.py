@@ -153,7 +153,7 @@ def shade(
     dtype = jnp.asarray(normal[0]).dtype
 
     def cast(leaf: Any) -> Any:
-        return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
+        return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf
 
     material, lights = jax.tree.map(cast, (material, tuple(lights)))
 

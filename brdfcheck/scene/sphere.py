@@ -1,0 +1,109 @@
+"""The exact image of a sphere: its normal is computed in every pixel, no mesh comes between."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Size, checked_size
+from brdfcheck.scene.lights import AbstractLight
+from brdfcheck.scene.shading import AbstractMaterial, shade
+from brdfcheck.scene.values import Vector, dot, spread
+
+
+def sphere_image(
+    material: AbstractMaterial,
+    lights: Sequence[AbstractLight],
+    camera: AbstractCamera | None = None,
+    *,
+    size: Size = (512, 512),
+    center: Any = (0.0, 0.0, 0.0),
+    radius: Any = 1.0,
+    background: Any = 0.0,
+    dtype: Any = jnp.float32,
+) -> Float[Array, "3 height width"]:
+    """Linear RGB of a sphere, shape (3, height, width), top row first, computed in `dtype`; one compiled program.
+
+    A pixel shows what its centre sees. `camera`: by default `Orthographic()`, which sees the unit sphere with a margin.
+    `background`: a number, RGB or an image (3, height, width). Under `jax.vmap` over materials, lights or positions a
+    contact sheet is one program too. Raises ValueError for a camera inside the sphere or bad values, and what `shade` raises.
+    """
+    if not isinstance(center, Tracer) and not isinstance(radius, Tracer):
+        _refuse_inside(np.asarray(center, float), np.asarray(radius, float), camera)
+    if jnp.shape(background) not in ((), (3,), (3, *size)):
+        raise ValueError(f"background must be a number, RGB or {(3, *size)}; got shape {jnp.shape(background)}")
+    numbers = center, radius, background
+    return _image(material, tuple(lights), camera, numbers, checked_size(size), jnp.dtype(dtype))
+
+
+def _refuse_inside(center: np.ndarray, radius: np.ndarray, camera: AbstractCamera | None) -> None:
+    if center.shape != (3,) or radius.shape or not (np.all(np.isfinite(center)) and 0 < radius < np.inf):
+        raise ValueError(f"center must be three finite numbers, radius one > 0; got {center.tolist()} and {radius.tolist()}")
+    eye = np.array([0.0, 0.0, 5.0]) if camera is None else camera.eye
+    if not isinstance(eye, Tracer):
+        distance = float(np.linalg.norm(np.asarray(eye, float) - center))
+        if not distance > radius:
+            raise ValueError(f"the camera is inside the sphere: {distance:.4g} from its center, radius {float(radius):.4g}")
+
+
+def seen_sphere(
+    camera: AbstractCamera | None, center: Float[Array, " 3"], radius: Float[Array, ""], size: Size
+) -> tuple[Bool[Array, "height width"], Vector, Vector, Vector]:
+    """(hit, point, normal, view): fields of shape (height, width), or numbers where they are the same in all pixels.
+
+    Where the sphere is missed the normal is finite and means nothing.
+    """
+    dtype = center.dtype
+    if camera is None or isinstance(camera, Orthographic):
+        usual = Orthographic() if camera is None else camera
+        (right, up, depth), _ = usual.in_frame(center)
+        height, width = size
+        scale = 2 * usual.half_height.astype(dtype) / height
+        x = (jnp.arange(width, dtype=dtype)[None, :] + (0.5 - width / 2)) * scale - right
+        y = ((height / 2 - 0.5) - jnp.arange(height, dtype=dtype)[:, None]) * scale - up
+        square, root = _half_chord(radius, x * x + y * y)
+        # The usual camera looks along z: Python numbers, of which the program has no trace.
+        view = Vector(0.0, 0.0, 1.0)
+        normal = Vector(x, y, root)
+        if camera is not None:
+            axes = camera.frame(dtype)[1].T
+            view = Vector(*axes[:, 2])
+            normal = Vector(*(dot(row, normal) for row in axes))
+    else:
+        origin, way = (Vector(*part) for part in camera.rays(size, dtype))
+        arm = origin - Vector(*center)
+        depth = -dot(arm, way)
+        off = arm + way * depth  # from the center to the ray, square to it
+        square, root = _half_chord(radius, dot(off, off))
+        view = way * -1
+        normal = off + view * root
+    normal = normal * (1 / radius)
+    return (square > 0) & (depth > root), Vector(*center) + normal * radius, normal, view
+
+
+def _half_chord(radius: Array, square: Array) -> tuple[Array, Array]:
+    """Of a ray at the squared distance `square` from the center: its square, and itself; a safe value where it misses."""
+    left = radius * radius - square
+    return left, jnp.sqrt(jnp.where(left > 0, left, radius * radius))
+
+
+@functools.partial(jax.jit, static_argnums=(4, 5))
+def _image(
+    material: AbstractMaterial,
+    lights: tuple[AbstractLight, ...],
+    camera: AbstractCamera | None,
+    numbers: tuple[Any, Any, Any],
+    size: Size,
+    dtype: Any,
+) -> Array:
+    center, radius, background = (jnp.asarray(part, dtype) for part in numbers)
+    hit, point, normal, view = seen_sphere(camera, center, radius, size)
+    background = background if background.ndim else background[None]
+    return jnp.where(hit, shade(material, lights, point, normal, view), spread(background, 2))
