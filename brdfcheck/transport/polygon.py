@@ -99,8 +99,8 @@ def patch_form_factor(first: Any, second: Any, order: int = 12) -> FormFactor:
 
     `first`, `second`: vertices of shape (m, 3), counterclockwise from behind, as the faces of a solid seen from outside; they
     must see each other unhindered but may cut each other's horizon and share edges. `order`: Gauss nodes a direction, >= 2,
-    graded towards the rim. The value is the mean of the two reciprocal estimates; the error is their disagreement plus what
-    changes with fewer nodes. Raises ValueError for bad polygons or orders.
+    graded towards the rim. The value is the mean of the two reciprocal estimates, weighted by how little each changes with
+    fewer nodes; the error is that change, and what of their disagreement it leaves unexplained. Raises ValueError for bad polygons or orders.
     """
     first, second = checked_polygon(first, "the first polygon"), checked_polygon(second, "the second polygon")
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 2:
@@ -160,8 +160,13 @@ def pair_exchange(
             ways = ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0]))
             found.append([_by_chunks(vertices[i], normals[i], vertices[j], rule) for i, j in ways])
     fine, coarse = (np.stack(part) for part in found)
-    value = np.mean(fine, axis=0)
-    error = np.abs(fine[0] - fine[1]) / 2 + np.max(np.abs(fine - coarse), axis=0) + 1e-15 * np.abs(value)
+    # The way whose integrand is the smoother one knows better: where a patch cuts the other's horizon, only one has a kink.
+    doubt = np.abs(fine - coarse) + 1e-15 * np.abs(fine)
+    trust = 1 / np.maximum(doubt, np.finfo(float).tiny ** 0.25) ** 2
+    trust = trust / np.sum(trust, axis=0)
+    value = np.sum(trust * fine, axis=0)
+    unexplained = np.maximum(np.abs(fine[0] - fine[1]) - np.sum(doubt, axis=0), 0)
+    error = np.sum(trust * doubt, axis=0) + unexplained
     return value, error
 
 

@@ -18,7 +18,7 @@ from brdfcheck.transport.enclosures import AbstractEnclosure
 from brdfcheck.transport.solution import Problem, Solution, Status, bounded, judged, problem, radius_of, standing
 
 _STABILISE = 10
-_MOST_SHOTS = 500  # times the number of patches
+_MOST_SHOTS = 3000  # times the number of patches
 
 
 def direct(enclosure: AbstractEnclosure, emission: Any, reflectance: Any) -> Solution:
@@ -90,7 +90,7 @@ def progressive(
 ) -> Solution:
     """The radiosity by progressive refinement: the patch with the most unshot power shoots it, again and again.
 
-    Ends when the unshot power is below `tolerance` times the emitted, or after `max_steps` shots (500 for each patch by
+    Ends when the unshot power is below `tolerance` times the emitted, or after `max_steps` shots (3,000 for each patch by
     default) (Cohen, Chen, Wallace & Greenberg 1988). Refuses at a spectral radius of 1 or more: value NaN, status DIVERGES.
     ValueError as for `krylov`.
     """

@@ -1,0 +1,204 @@
+"""Form factors: closed forms against known values and brute force, the clipped polygon against facts, honest error bars."""
+
+from __future__ import annotations
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from brdfcheck import transport
+
+UNIT = (0.0, 1.0)
+BOTTOM = np.array([[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0, 0]], float)  # counterclockwise from below: it looks up
+TOP = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
+SIDE = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]], float)
+# The square x = 1, y and z in [-1, 1], clockwise as seen from the origin.
+WALL = np.array([[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]], float)
+
+
+def brute(first, second, nodes=10):
+    """Area times form factor of two parallelograms (corner, edge, edge, normal) by Gauss nodes in four dimensions."""
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    u, v = (part.ravel() for part in np.meshgrid((x + 1) / 2, (x + 1) / 2))
+    weight = np.outer(w, w).ravel() / 4
+    places = [corner + u[:, None] * a + v[:, None] * b for corner, a, b, _ in (first, second)]
+    areas = [np.linalg.norm(np.cross(a, b)) for _, a, b, _ in (first, second)]
+    arm = places[1][None] - places[0][:, None]
+    square = np.sum(arm**2, axis=-1)
+    kernel = np.maximum(arm @ first[3], 0) * np.maximum(-(arm @ second[3]), 0) / (np.pi * square**2)
+    return weight @ kernel @ weight * areas[0] * areas[1]
+
+
+# --- closed forms ---
+
+
+def test_the_known_values():
+    assert transport.parallel_rectangles(UNIT, UNIT, UNIT, UNIT, 1.0).value == pytest.approx(0.1998248957, abs=5e-11)
+    assert transport.perpendicular_rectangles(UNIT, UNIT, UNIT, UNIT).value == pytest.approx(0.2000437761, abs=5e-11)
+    assert transport.coaxial_disks(1, 1, 1).value == pytest.approx(0.3819660, abs=5e-8)
+    assert transport.coaxial_disks(1, 1, 1).value == pytest.approx((3 - np.sqrt(5)) / 2, rel=1e-15)
+    assert transport.inside_sphere(np.pi, 0.5).value == pytest.approx(1.0, rel=1e-15)
+
+
+@given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.5), min_size=4, max_size=4), st.floats(2, 6))
+def test_parallel_rectangles_anywhere(starts, lengths, distance):
+    x, y, other_x, other_y = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
+    found = transport.parallel_rectangles(x, y, other_x, other_y, distance)
+    first = (np.array([x[0], y[0], 0]), np.array([lengths[0], 0, 0]), np.array([0, lengths[1], 0]), np.array([0, 0, 1]))
+    second = (
+        np.array([other_x[0], other_y[0], distance]), np.array([lengths[2], 0, 0]), np.array([0, lengths[3], 0]),
+        np.array([0, 0, -1]),
+    )  # fmt: skip
+    expected = brute(first, second) / (lengths[0] * lengths[1])
+    assert abs(found.value - expected) < 1e-10 * expected + found.error
+    assert found.error < 1e-11
+
+
+@given(st.lists(st.floats(1.5, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.2), min_size=4, max_size=4))
+def test_perpendicular_rectangles_anywhere(starts, lengths):
+    x, y, z, other_y = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
+    found = transport.perpendicular_rectangles(x, y, z, other_y)
+    first = (np.array([x[0], y[0], 0]), np.array([lengths[0], 0, 0]), np.array([0, lengths[1], 0]), np.array([0, 0, 1]))
+    second = (
+        np.array([0, other_y[0], z[0]]), np.array([0, lengths[3], 0]), np.array([0, 0, lengths[2]]), np.array([1, 0, 0])
+    )  # fmt: skip
+    expected = brute(first, second) / (lengths[0] * lengths[1])
+    assert abs(found.value - expected) < 1e-9 * expected + found.error
+
+
+def test_disks_against_quadrature():
+    # Of the exchange between rings of two disks only the angle between them is left: elementary.
+    x, w = np.polynomial.legendre.leggauss(60)
+    a, b, d = 0.7, 1.3, 0.9
+    s, t = (x + 1) / 2 * a, (x + 1) / 2 * b
+    q = s[:, None] ** 2 + t[None, :] ** 2 + d * d
+    p = 2 * s[:, None] * t[None, :]
+    ring = 2 * np.pi * q / (q * q - p * p) ** 1.5  # the integral of 1 / (q - p cos)^2
+    exchange = np.sum(np.outer(w * a / 2 * s, w * b / 2 * t) * 2 * np.pi * d * d / np.pi * ring)
+    assert transport.coaxial_disks(a, b, d).value == pytest.approx(exchange / (np.pi * a * a), rel=1e-12)
+    # Far away the textbook form would cancel to nothing.
+    assert transport.coaxial_disks(1e-4, 1.0, 1e6).value == pytest.approx(1e-12, rel=1e-11)
+
+
+def test_arrays_and_errors_that_hold():
+    edges = np.linspace(0, 1, 101)
+    cells = np.stack([edges[:-1], edges[1:]], axis=-1)
+    found = transport.parallel_rectangles(cells[:, None], UNIT, cells[None, :], UNIT, 1.0)
+    assert found.value.shape == found.error.shape == (100, 100)
+    whole = transport.parallel_rectangles(UNIT, UNIT, UNIT, UNIT, 1.0)
+    off = np.abs(np.sum(found.value, axis=1).mean() - whole.value)
+    assert off < np.max(np.sum(found.error, axis=1)) + whole.error
+    assert np.max(np.abs(found.value - found.value.T)) <= 2 * np.max(found.error)
+
+
+# --- the polygon ---
+
+
+def test_point_to_polygon_as_in_the_facts():
+    origin, up, ahead = np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0])
+    assert transport.point_to_polygon(origin, ahead, WALL) == pytest.approx(0.554126423979572, abs=1e-15)
+    assert transport.point_to_polygon(origin, up, WALL) == pytest.approx(0.1114683940, abs=5e-11)
+    assert transport.point_to_polygon(origin, up, WALL[::-1]) == pytest.approx(-0.1114683940, abs=5e-11)
+    # Without the horizon the formula is the light through both halves, which cancel: what a missing clip would give.
+    lower = transport.point_to_polygon(origin, -up, WALL)
+    assert transport.point_to_polygon(origin, up, WALL) - lower == pytest.approx(0, abs=1e-15)
+    corner = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)[::-1]
+    assert transport.point_to_polygon(origin, up, corner) == pytest.approx(-0.1385316060, abs=5e-11)
+    assert transport.point_to_polygon(origin, up, corner[::-1]) == pytest.approx(0.1385316060, abs=5e-11)
+    below = WALL - np.array([0, 0, 5.0])
+    assert transport.point_to_polygon(origin, up, below) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_clip_against_rays(seed):
+    """Seven corners, tilted across the horizon: the share of cosine-distributed rays that hit."""
+    generator = np.random.default_rng(seed)
+    turns = np.sort(generator.uniform(0, 2 * np.pi, 7))
+    flat = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=-1)
+    frame = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    centre = np.array([0.8, 0.3, 0.1]) + 0.3 * generator.normal(size=3)
+    polygon, normal = centre + flat @ frame.T, frame[:, 2]
+    if np.linalg.det(frame) < 0:
+        polygon = polygon[::-1]
+    # Clockwise as seen from the origin where the normal points away from it.
+    sign = 1 if normal @ centre > 0 else -1
+    u, v = generator.random((2, 400_000))
+    wo = np.stack([np.sqrt(u) * np.cos(2 * np.pi * v), np.sqrt(u) * np.sin(2 * np.pi * v), np.sqrt(1 - u)], axis=-1)
+    reach = (normal @ centre) / (wo @ normal)
+    place = (wo * reach[:, None] - centre) @ frame
+    inside = reach > 0
+    for a, b in itertools.pairwise([*flat, flat[0]]):
+        inside &= (b[0] - a[0]) * (place[:, 1] - a[1]) - (b[1] - a[1]) * (place[:, 0] - a[0]) > 0
+    share = np.mean(inside)
+    found = float(transport.point_to_polygon(np.zeros(3), np.array([0, 0, 1.0]), polygon)) * sign
+    assert 0.01 < share < 0.99
+    assert abs(found - share) < 4.5 * np.sqrt(share * (1 - share) / len(u))
+
+
+def test_the_polygon_formula_in_float32_and_its_gradient():
+    def factor(height):
+        point = jnp.stack([0 * height, 0 * height, height])
+        return transport.point_to_polygon(point, jnp.asarray([0.0, 0.6, 0.8], height.dtype), jnp.asarray(WALL, height.dtype))
+
+    step = 1e-5
+    slope = (factor(jnp.asarray(0.3 + step)) - factor(jnp.asarray(0.3 - step))) / (2 * step)
+    assert jax.grad(factor)(jnp.asarray(0.3)) == pytest.approx(float(slope), rel=1e-8)
+    single = factor(jnp.asarray(0.3, jnp.float32))
+    assert single.dtype == jnp.float32
+    assert single == pytest.approx(float(factor(jnp.asarray(0.3))), rel=1e-5)
+    batch = transport.point_to_polygon(jnp.zeros((4, 5, 3)), jnp.asarray([0.0, 0, 1]), WALL)
+    assert batch.shape == (4, 5)
+
+
+@pytest.mark.parametrize(("other", "name"), [(TOP, "parallel"), (SIDE, "sharing an edge")])
+@pytest.mark.parametrize("order", [4, 8, 12, 16])
+def test_patches_with_an_honest_error(other, name, order):
+    closed = transport.parallel_rectangles if name == "parallel" else transport.perpendicular_rectangles
+    exact = closed(UNIT, UNIT, UNIT, UNIT, *([1.0] if name == "parallel" else []))
+    found = transport.patch_form_factor(BOTTOM, other, order)
+    assert abs(found.value - exact.value) <= found.error
+    assert found.error < {4: 0.05, 8: 1e-3, 12: 1e-5, 16: 1e-7}[order]
+
+
+def test_patches_that_cut_each_others_horizon():
+    # Half of the wall lies below the floor's plane and sees nothing of it.
+    wall = np.array([[1.5, 0, -1], [1.5, 1, -1], [1.5, 1, 1], [1.5, 0, 1]], float)
+    found = transport.patch_form_factor(BOTTOM, wall, 16)
+    exact = transport.perpendicular_rectangles((0.5, 1.5), UNIT, UNIT, UNIT)
+    assert abs(found.value - exact.value) <= found.error < 1e-3
+    # Seen from the wall the integrand has a kink, seen from the floor it has none: that one is believed.
+    assert abs(found.value - exact.value) < 1e-8
+
+
+# --- bad input ---
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: transport.parallel_rectangles((1, 0), UNIT, UNIT, UNIT, 1), "x must be two finite rising numbers"),
+        (lambda: transport.parallel_rectangles(UNIT, UNIT, UNIT, (0, np.nan), 1), "other_y must be two finite rising"),
+        (lambda: transport.parallel_rectangles(UNIT, UNIT, UNIT, UNIT, 0), "distance must be finite and > 0; got 0"),
+        (lambda: transport.perpendicular_rectangles((-1, 1), UNIT, UNIT, UNIT), "distance from the line .* got -1"),
+        (lambda: transport.coaxial_disks(-1, 1, 1), "radius must be finite and >= 0; got -1"),
+        (lambda: transport.inside_sphere(1, np.inf), "radius must be finite and > 0; got inf"),
+        (lambda: transport.point_to_polygon(np.zeros(3), np.eye(3)[2], WALL[:2]), "at least 3 vertices"),
+        (lambda: transport.point_to_polygon(np.zeros(3), np.zeros(3), WALL), "unit vectors; got one of the length 0"),
+        (lambda: transport.point_to_polygon(np.full(3, np.nan), np.eye(3)[2], WALL), "points must be finite"),
+        (lambda: transport.point_to_polygon(np.zeros(2), np.eye(3)[2], WALL), r"points must have the shape \(\.\.\., 3\)"),
+        (lambda: transport.patch_form_factor(BOTTOM[:2], TOP), "the first polygon must have at least 3 vertices"),
+        (lambda: transport.patch_form_factor(BOTTOM, TOP * [1, 0, 1]), "the second polygon has no area"),
+        (lambda: transport.patch_form_factor(BOTTOM, TOP + np.eye(4, 3)), "the second polygon is not flat"),
+        (lambda: transport.patch_form_factor(TOP[[0, 2, 1, 3]], BOTTOM), "the first polygon"),
+        (lambda: transport.patch_form_factor(BOTTOM, TOP, 1), "order must be a whole number >= 2; got 1"),
+    ],
+)
+def test_wrong_arguments(call, says):
+    with pytest.raises(ValueError, match=says) as caught:
+        call()
+    assert "\n" not in str(caught.value)
