@@ -21,6 +21,8 @@ from brdfcheck.scene.smooth import SHADINGS
 
 # 2 sin(25 deg) sin(atan .9) = .5654: the contrast of the default zigzag by facets.
 _TILTED = (float(np.sin(np.radians(25))), 0.0, float(np.cos(np.radians(25))))
+# A face seen at a smaller sine covers no pixel.
+_EDGE_ON = 1e-5
 
 
 def _unit(vector: object, name: str, dtype: Any) -> Array:
@@ -57,14 +59,15 @@ def lost_highlight(mesh: Mesh, n: object) -> Float[Array, "..."]:
     return jnp.exp(as_parameter(n).astype(nearest.dtype) * jnp.log(jnp.min(nearest)))
 
 
-def silhouette_bleed(mesh: Mesh, towards_eye: object = (0.0, 0.0, 1.0), weighting: Weighting = "unit") -> Float[Array, ""]:
+def silhouette_bleed(mesh: Mesh, towards_eye: object = (0.3, 0.2, 1.0), weighting: Weighting = "unit") -> Float[Array, ""]:
     """The brightest vertex on a face that is seen, under a light straight behind the object: 0 on any exact closed surface.
 
     Faces on the silhouette have vertices behind it, whose colour interpolation (of colours and of normals) brings into
-    sight. Parallel projection along `towards_eye`.
+    sight. Parallel projection along `towards_eye`; an icosphere seen along an axis has edges all along its silhouette, and
+    no bleed.
     """
     view = _unit(towards_eye, "towards_eye", mesh.vertices.dtype)
-    seen = face_normals(mesh) @ view > 0
+    seen = face_normals(mesh) @ view > _EDGE_ON
     lit = jnp.maximum(-(vertex_normals(mesh, weighting) @ view), 0)
     return jnp.max(jnp.where(seen[:, None], lit[mesh.faces], 0))
 

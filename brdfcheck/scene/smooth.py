@@ -105,8 +105,9 @@ def render_mesh(
     Raises ValueError besides where part of the mesh lies behind the eye: the camera is inside it, or past it.
     """
     size = checked_size(size)
-    if not any(isinstance(part, Tracer) for part in (mesh.vertices, camera.eye, camera.target)):
-        behind = ~np.asarray(_in_front(mesh, camera))
+    in_front = _in_front(mesh, camera)
+    if not isinstance(in_front, Tracer):
+        behind = ~np.asarray(in_front)
         if np.any(behind):
             raise ValueError(
                 f"the camera at {np.asarray(camera.eye).tolist()} is inside the mesh or beyond it: "
