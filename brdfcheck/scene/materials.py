@@ -53,10 +53,9 @@ class Term(eqx.Module):
         self.fresnel, self.name, self.within = fresnel, "", False
         if isinstance(brdf, str):
             family = catalog.entry(brdf).family
-            allowed = ", ".join(family.ranges)
-            for parameter in {*parameters} ^ {*family.ranges} - {"reflectance"}:
-                if parameter in parameters:
-                    raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {allowed}")
+            for parameter in parameters.keys() - family.ranges.keys():
+                raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(family.ranges)}")
+            for parameter in family.ranges.keys() - parameters.keys() - {"reflectance"}:
                 raise ValueError(f"{brdf} needs its parameter {parameter}")
             ranges = [family.ranges[name] for name in parameters]
             self.name = brdf

@@ -80,8 +80,9 @@ def checked(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, ab
         values = np.asarray(array)
         good = np.isfinite(values) & (values <= high) & ((values > low) if above else (values >= low))
         if values.size == 0 or not np.all(good):
-            bounds = [f"{'>' if above else '>='} {low:g}"] * np.isfinite(low) + [f"<= {high:g}"] * np.isfinite(high)
-            raise ValueError(f"{name} must be finite{''.join(f' and {bound}' for bound in bounds)}; got {value}")
+            bounds = [f"{'>' if above else '>='} {low:g}"] if low > -np.inf else []
+            bounds += [f"<= {high:g}"] if high < np.inf else []
+            raise ValueError(f"{name} must be {' and '.join(['finite', *bounds])}; got {value}")
     return array
 
 
