@@ -28,7 +28,7 @@ from brdfcheck.lobes import Lambert, Phong
 from brdfcheck.quadrature.exact import Adaptive, HalfVector, Zonal
 from brdfcheck.quadrature.montecarlo import CosineMonteCarlo, LobeMonteCarlo, R2Lattice, Sobol, UniformMonteCarlo
 from brdfcheck.quadrature.product import GaussProduct, MidpointProduct
-from brdfcheck.quadrature.rule import NOT_KNOWN, OK, AbstractRule, Raw
+from brdfcheck.quadrature.rule import NOT_KNOWN, OK, AbstractRule, Raw, RuleKind
 from brdfcheck.quadrature.warped import LobeWarpedGauss, TanhSinh
 
 # Gamma(x + 1/2)/Gamma(x + 1) sqrt(x) in powers of 1/x.
@@ -127,7 +127,7 @@ class ClosedForm(AbstractRule):
 
 
 # In the order of charts: from what knows nothing to what knows all.
-RULES: MappingProxyType[str, type[AbstractRule]] = MappingProxyType(
+RULES: MappingProxyType[str, RuleKind] = MappingProxyType(
     {
         rule.name: rule
         for rule in (

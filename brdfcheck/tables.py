@@ -9,8 +9,9 @@ Three observations make a table much cheaper than its cells one by one:
   1000 is interpolated to 1e-13 from 56 Chebyshev exponents, and a row costs a matrix product.
 
 A lobe that ends with a zero of high order is so smooth there that shared nodes may run across the moving end, if they are
-more and the range is shorter (`_PLANS`). Lobes with sharper breaks, exponents below 1 (where Schlick's lobe has a layer of
-width n) and microfacet lobes are integrated cell by cell.
+more and the range is shorter (`_PLANS`). Lobes with sharper breaks that are sums of truncated powers need one function of the
+moving end for each column (`quadrature.moments`). Other lobes with breaks, exponents below 1 (where Schlick's lobe has a layer
+of width n), float32 with breaks and microfacet lobes are integrated cell by cell.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck import catalog, directional
-from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.brdf import AbstractZonalLobe, TruncatedPowers
 from brdfcheck.directional import Albedo
+from brdfcheck.quadrature.moments import MomentOrder, prepare, truncated_powers
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
 
@@ -47,6 +49,23 @@ _PLANS = (
     _Plan(np.inf, 1100.0, 56, Order(92, 132), Order(76, 112)),
     _Plan(16, 33.0, 48, Order(152, 216), Order(128, 184)),
 )
+
+
+class _PowerPlan(NamedTuple):
+    """For sums of truncated powers: the largest ratio of (1+n) in a block, and how one column is sampled.
+
+    Ends that reach neither the horizon nor a right angle share one panel: then a block spans `far_ratio` only.
+    """
+
+    ratio: float
+    far_ratio: float
+    fine: MomentOrder
+    coarse: MomentOrder
+
+
+# Powers up to the 8th; for the 16th the nodes before the kink are too few.
+_POWER_PLAN = _PowerPlan(1100.0, 30.0, MomentOrder(40, 12, 44, 6), MomentOrder(8, 10, 38, 12))
+_LARGEST_POWER = 8
 # The coarse rule is run for every so many-th exponent only.
 _CHECKED = 4
 
@@ -67,10 +86,13 @@ def _interpolation(at: Array, points: Array, weights: Array) -> Array:
     return terms / jnp.sum(terms, axis=1, keepdims=True)
 
 
-def _plan(lobe: object) -> _Plan | None:
+def _plan(lobe: object, powers: TruncatedPowers | None, dtype: Any) -> _Plan | _PowerPlan | None:
     if not isinstance(lobe, AbstractZonalLobe):
         return None
-    return next((plan for plan in _PLANS if lobe.smoothness() >= plan.smoothness), None)
+    plan = next((plan for plan in _PLANS if lobe.smoothness() >= plan.smoothness), None)
+    if plan is None and powers is not None and powers.power <= _LARGEST_POWER and dtype == np.float64:
+        return _POWER_PLAN
+    return plan
 
 
 def _block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Array, mu: Array) -> tuple[Array, Array]:
@@ -112,9 +134,25 @@ def _block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Arra
     return jnp.exp(_interpolation(at, points, weights) @ logarithm), relative
 
 
+def _power_block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _PowerPlan, n: Array, mu: Array) -> tuple[Array, Array]:
+    """As `_block`, for lobes that are sums of truncated powers."""
+    powers: TruncatedPowers = jax.vmap(lambda value: lobe_of_n(value).truncated_powers())(n)  # pyright: ignore
+    form, terms = lobe_of_n(n[0]).form, powers.coefficients.shape[1]
+    ends = prepare(form, powers.measure, powers.power, powers.reciprocal_ends.T.ravel())
+    coefficients = powers.coefficients.T
+
+    def column(mu: Array) -> tuple[Array, Array]:
+        value, error = truncated_powers(form, powers.measure, powers.power, ends, mu, (plan.fine, plan.coarse))
+        value, error = (part.reshape(terms, -1) for part in (value, error))
+        return jnp.sum(value * coefficients, axis=0), jnp.sum(error * jnp.abs(coefficients), axis=0)
+
+    value, error = (part.T for part in jax.lax.map(column, mu))
+    return value, error / value + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
+
+
 @eqx.filter_jit
 def _shared_nodes(
-    brdf_of_n: Callable[[Array], Any], plan: _Plan, n: Array, blocks: tuple[int, ...], mu: Array
+    brdf_of_n: Callable[[Array], Any], plan: _Plan | _PowerPlan, n: Array, blocks: tuple[int, ...], mu: Array
 ) -> tuple[Array, Array]:
     wrapped = brdf_of_n(n[0])
     core, _ = directional.peel(wrapped)
@@ -125,12 +163,15 @@ def _shared_nodes(
     values, errors = [], []
     for start, end in zip((0, *blocks), (*blocks, n.size), strict=True):
         part = n[start:end]
-        value, relative = _block(core_of_n, plan, part, mu)
+        if isinstance(plan, _PowerPlan):
+            value, relative = _power_block(core_of_n, plan, part, mu)
+        else:
+            value, relative = _block(core_of_n, plan, part, mu)
         if core is not wrapped:  # the factors around the lobe
             value = value * jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu) * jnp.ones_like(mu))(part)
         amplitude = jax.vmap(lambda value: core_of_n(value).amplitude())(part)
         if amplitude.ndim > 1:
-            value, relative = value[..., None] * amplitude[:, None, :], relative[:, None]
+            value, relative = value[..., None] * amplitude[:, None, :], relative[..., None]
         else:
             value = value * amplitude[:, None]
         values.append(value)
@@ -156,6 +197,13 @@ def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float |
     value, error = directional.batched(cell, jnp.arange(size), size, batch)
     shape = (n.size, mu.size, *value.shape[1:])
     return value.reshape(shape), error.reshape(shape), count
+
+
+def _count(plan: _Plan | _PowerPlan) -> int:
+    """Evaluations for one incidence."""
+    if isinstance(plan, _PowerPlan):
+        return plan.fine.circle + plan.fine.lead + plan.fine.intervals * plan.fine.gap
+    return plan.fine.circle + plan.fine.cut
 
 
 def _blocks(rising: np.ndarray, ratio: float) -> tuple[int, ...]:
@@ -195,9 +243,9 @@ def albedo_table(
     if mu.ndim != 1 or mu.size == 0:
         raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
     try:
-        shape = _structure(brdf_of_n, np.dtype(mu.dtype))
+        shape, powers = _structure(brdf_of_n, np.dtype(mu.dtype))
     except TypeError:  # a callable that cannot be hashed
-        shape = _structure.__wrapped__(brdf_of_n, np.dtype(mu.dtype))
+        shape, powers = _structure.__wrapped__(brdf_of_n, np.dtype(mu.dtype))
     if shape is None:
         rows = [directional.albedo(brdf_of_n(float(value)), mu, rtol=rtol) for value in exponents]
         count = np.sum([row.evaluations for row in rows])
@@ -205,7 +253,7 @@ def albedo_table(
         return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
     core = directional.peel(shape)[0]
     engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
-    plan = _plan(core)
+    plan = _plan(core, powers, mu.dtype)
     order = np.argsort(exponents, kind="stable")
     rising = exponents[order].astype(mu.dtype)
     alone = len(rising) if plan is None else int(np.searchsorted(rising, 1.0))
@@ -216,8 +264,10 @@ def albedo_table(
         counts.append(count)
     if plan is not None and alone < len(rising):
         shared = rising[alone:]
-        parts.append(_shared_nodes(brdf_of_n, plan, jnp.asarray(shared), _blocks(shared, plan.ratio), mu))
-        counts.append(plan.fine.circle + plan.fine.cut)
+        ratio = plan.far_ratio if isinstance(plan, _PowerPlan) and shared[-1] > plan.ratio else plan.ratio
+        blocks = _blocks(shared, ratio)
+        parts.append(_shared_nodes(brdf_of_n, plan, jnp.asarray(shared), blocks, mu))
+        counts.append(_count(plan))
     value, error = (column[0] if len(parts) == 1 else jnp.concatenate(column) for column in zip(*parts, strict=True))
     if np.any(order[1:] < order[:-1]):
         back = np.argsort(order, kind="stable")
@@ -226,10 +276,14 @@ def albedo_table(
 
 
 @functools.lru_cache(maxsize=64)
-def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:
-    """What the family builds, without numbers; None where engines 1 and 2 cannot take it."""
+def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[Any, TruncatedPowers | None]:
+    """What the family builds and its truncated powers, without numbers; None where engines 1 and 2 cannot take it."""
     try:
         shape = eqx.filter_eval_shape(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
     except Exception:  # needs numbers, not tracers: the rows one by one
-        return None
-    return shape if directional.has_engine(shape) else None
+        return None, None
+    if not directional.has_engine(shape):
+        return None, None
+    core = directional.peel(shape)[0]
+    zonal = isinstance(core, AbstractZonalLobe)
+    return shape, eqx.filter_eval_shape(lambda lobe: lobe.truncated_powers(), core) if zonal else None

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck import records
-from brdfcheck.quadrature.rule import MESSAGES, AbstractRule
+from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _timed(program: Callable[..., Any], brdf: Any, mu: Any, key: Any) -> tuple[f
 
 
 def measure_all(
-    rules: Iterable[type[AbstractRule]], case: Case, *, most_seconds: float = 1.0, settings: int | None = None
+    rules: Iterable[RuleKind], case: Case, *, most_seconds: float = 1.0, settings: int | None = None
 ) -> list[WorkPrecision]:
     """Every rule that takes the case, through its ladder of settings until one albedo takes longer than `most_seconds`.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
@@ -57,6 +57,19 @@ class Raw(eqx.Module):
     error: Any
     evaluations: Any
     status: Any = OK
+
+
+class RuleKind(Protocol):
+    """A final class of rules: what `AbstractRule` asks of it, and a setting makes one of it a rule."""
+
+    name: str
+    family: str
+    ladder: tuple[Any, ...]
+    needs: str
+    random: bool
+    on_host: bool
+
+    def __call__(self, setting: Any, /) -> AbstractRule: ...
 
 
 class AbstractRule(eqx.Module):
