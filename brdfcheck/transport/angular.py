@@ -28,7 +28,7 @@ from brdfcheck.transport.radiosity import checked_steps
 from brdfcheck.transport.solution import Radius, power_iteration
 
 Remainder = Literal["diffuse", "mirror"]
-_ITERATIONS = 20_000
+_ITERATIONS = 2000
 
 
 class AngularOperator(eqx.Module):
@@ -50,8 +50,14 @@ class AngularOperator(eqx.Module):
         return jnp.sum(2 * self.weight * self.cos_theta * self.albedo())
 
     def spectral_radius(self) -> Radius:
-        """By power iteration, with bounds; that of the sphere, and the largest of any enclosure with loss-free other walls."""
-        return _radius(self.matrix)
+        """By power iteration, with bounds; that of the sphere, and the largest of any enclosure with loss-free other walls.
+
+        The latter, and that the bounds are close, holds for reciprocal BRDFs.
+        """
+        product = self.weight * self.cos_theta
+        flow = product[:, None] * self.matrix
+        reciprocal = jnp.max(jnp.abs(flow - flow.T)) <= 1e3 * jnp.finfo(flow.dtype).eps * jnp.max(flow)
+        return _radius(self.matrix, product if bool(reciprocal) else None)
 
     def energy(self, bounces: Any) -> Float[Array, "bounces nodes"]:
         """What is left of unit light after these numbers of bounces (rising, any size), by the angle at which it came.
@@ -89,11 +95,11 @@ class AngularOperator(eqx.Module):
 
 
 @jax.jit
-def _radius(matrix: Array) -> Radius:
-    return power_iteration(lambda values: matrix @ values, jnp.ones_like(matrix[0]), iterations=_ITERATIONS)
+def _radius(matrix: Array, product: Array | None) -> Radius:
+    return power_iteration(lambda values: matrix @ values, jnp.ones_like(matrix[0]), product, _ITERATIONS)
 
 
-def angular_operator(brdf: Callable[..., Any], *, nodes: int = 192, azimuths: int = 256) -> AngularOperator:
+def angular_operator(brdf: Callable[..., Any], *, nodes: int = 192, azimuths: int = 512) -> AngularOperator:
     """T of a BRDF that JAX can trace, isotropic and of one channel, in the precision of its parameters.
 
     Gauss-Legendre `nodes` over the cosine (normal incidence is added) and midpoints over the `azimuths` of half a turn; the

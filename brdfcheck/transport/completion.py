@@ -56,6 +56,6 @@ def completed(brdf: Any) -> Completed:
     weight = 4 * s**3 * w / 2 / (_NODES - 1)
     exact = np.asarray(lost, float)
     mean = float(np.sum(weight * (exact[:-1, None] * (1 - part) + exact[1:, None] * part)))
-    if not mean > 0:
+    if not mean > 1e-6:
         raise ValueError("this BRDF loses nothing: there is nothing to complete")
     return Completed(brdf, lost, jnp.asarray(mean, lost.dtype))

@@ -8,7 +8,7 @@ the mean stays what it is. All randomness comes from the key.
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -20,10 +20,11 @@ from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.factors import peel
 from brdfcheck.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
+from brdfcheck.transport.angular import angular_operator
 from brdfcheck.transport.completion import Completed
 from brdfcheck.transport.enclosures import Box, Sphere
 from brdfcheck.transport.radiosity import checked_steps
-from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_of, standing
+from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_at, standing
 
 Sampling = Literal["lobe", "cosine"]
 Equation = Literal["continuous", "patches"]
@@ -32,6 +33,8 @@ _GROUPS, _LANES = 32, 128
 # How directions are shared out between the lobe's main proposal, its tail and the cosine. Each share that is not where the
 # lobe is multiplies the variance with every bounce; a power of the cosine is its main proposal and needs no other.
 _SHARES = {"power": (1.0, 0.0, 0.0), "zonal": (0.8, 0.1, 0.1), "facets": (0.9, 0.0, 0.1)}
+# What the angular operator is made of where only a bound is wanted.
+_NODES, _AZIMUTHS = 96, 192
 # A path that weighs more than so many others.
 _HEAVY = 32
 _TINY = 1e-18
@@ -62,8 +65,9 @@ def trace(
     (Lambert's by default). `paths` is rounded up to a multiple of 4096. `sampling`: "lobe" draws where the lobe is, "cosine"
     never, which for a sharp lobe ends in the status HEAVY. `equation`: "continuous" is the light itself; "patches" draws the
     place on a patch anew at each bounce, which makes it the discrete equation that the other solvers solve (diffuse walls
-    only). Refuses where the spectral radius of diffuse walls is 1 or more, and where paths are under way after `max_bounces`
-    reflections each: value NaN, error inf.
+    only). The spectral radius is that of the form factors for diffuse walls; else it lies below that of the angular operator
+    times the largest reflectance. Refuses where it is 1 or more, and where paths are under way after `max_bounces` reflections
+    each: value NaN, error inf.
     Raises ValueError for bad values, counts and words, no light or no key, TypeError for an enclosure without geometry or a
     BRDF that is neither about an axis nor made of facets.
     """
@@ -80,82 +84,94 @@ def trace(
         raise ValueError("nothing emits: at least one patch must have an emission above 0")
     wall = _of_type(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
     most = jnp.asarray(checked_steps(max_bounces, "max_bounces") * each)
-    return _trace(enclosure, posed, wall, key, jnp.asarray(each), most, sampling, equation, diffuse)
+    # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
+    shown = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * wall.reflectance) if diffuse else posed
+    radius = radius_at(shown) if diffuse else _bounds(enclosure, posed, wall)
+    code = standing(radius, refuses=True)
+    begins = (code == Status.SOLVED) | ((code == Status.UNDECIDED) & (not diffuse))
+    walked = _walk(enclosure, posed, wall, key, jnp.asarray(each), jnp.where(begins, most, 0), sampling, equation, diffuse)
+    return _told(shown, radius, code, begins, jnp.asarray(each), walked, diffuse)
+
+
+class _Walked(NamedTuple):
+    """Reflected weight by group and patch, paths left in each lane, the heaviest weight, bounces of all lanes."""
+
+    tally: Array
+    left: Array
+    heaviest: Array
+    steps: Array
 
 
 @eqx.filter_jit
-def _trace(
+def _walk(
     enclosure: Any, posed: Problem, brdf: Any, key: Any, each: Array, most: Array, sampling: str, equation: str, diffuse: bool
-) -> Solution:
+) -> _Walked:
     dtype, patches, lanes = posed.areas.dtype, posed.areas.size, _GROUPS * _LANES
     group = jnp.asarray(np.repeat(np.arange(_GROUPS, dtype=np.int32), _LANES))
     power = posed.areas * posed.emission
-    # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
-    known = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * _white(brdf)) if diffuse else posed
-    radius = radius_of(known) if diffuse else _unknown(posed)
-    code = standing(radius, refuses=True) if diffuse else jnp.asarray(int(Status.SOLVED))
     ladder = jnp.cumsum(power) / jnp.sum(power)
 
-    def emit(key: Any) -> tuple[Array, Array, Array]:
-        draws = jax.random.uniform(key, (lanes, 5), dtype)
-        patch = jnp.minimum(jnp.searchsorted(ladder, draws[:, 0], side="right"), patches - 1)
-        point, normal = enclosure.point(patch, draws[:, 1:3])
-        return point, _to_world(normal, _cosine(draws[:, 3:])), patch
-
     def bounce(state: Any) -> Any:
-        point, direction, weight, left, tally, heaviest, step = state
+        point, direction, weight, walked = state
+        u = jax.random.uniform(jax.random.fold_in(key, walked.steps), (lanes, 12), dtype)
+        # A lane whose path has ended begins its next one.
+        begun = weight == 0
+        source = jnp.minimum(jnp.searchsorted(ladder, u[:, 7], side="right"), patches - 1)
+        fresh, upright = enclosure.point(source, u[:, 8:10])
+        point = jnp.where(begun[:, None], fresh, point)
+        direction = jnp.where(begun[:, None], _to_world(upright, _cosine(u[:, 10:])), direction)
+        weight = jnp.where(begun, 1, weight)
         point, normal, patch = enclosure.hit(point, direction)
-        draw = jax.random.split(jax.random.fold_in(key, 2 * step), 3)
-        u = jax.random.uniform(draw[0], (lanes, 6), dtype)
         if equation == "patches":
-            point, normal = enclosure.point(patch, u[:, 4:])
-        alive = left > 0
+            point, normal = enclosure.point(patch, u[:, 4:6])
         if diffuse:
             # (N.w)/pi is the diffuse wall's own density: what is left is the reflectance, wherever the ray comes from.
-            leaving, factor = _to_world(normal, _cosine(u[:, :2])), jnp.full_like(weight, 1) * _white(brdf)
+            leaving, factor = _to_world(normal, _cosine(u[:, :2])), brdf.reflectance
         else:
             leaving, factor = _scatter(brdf, direction, normal, u[:, :4], sampling)
+        alive = walked.left > 0
         weight = jnp.where(alive, weight * factor * posed.reflectance[patch], 0)
-        tally = tally.at[group * patches + patch].add(weight)
-        survives = jax.random.uniform(draw[1], (lanes,), dtype) < weight
+        tally = walked.tally.at[group * patches + patch].add(weight)
+        survives = u[:, 6] < weight
         weight = jnp.where(survives, jnp.maximum(weight, 1), 0)
-        # A lane whose path has ended begins its next one.
-        left = left - jnp.where(alive & ~survives, 1, 0).astype(left.dtype)
-        fresh_point, fresh_direction, _ = emit(draw[2])
-        point = jnp.where(survives[:, None], point, fresh_point)
-        direction = jnp.where(survives[:, None], leaving, fresh_direction)
-        heaviest = jnp.maximum(heaviest, jnp.max(weight))
-        return point, direction, jnp.where(survives, weight, 1), left, tally, heaviest, step + 1
+        left = walked.left - jnp.where(alive & ~survives, 1, 0).astype(walked.left.dtype)
+        heaviest = jnp.maximum(walked.heaviest, jnp.max(weight))
+        return point, leaving, weight, _Walked(tally, left, heaviest, walked.steps + 1)
 
     def goes_on(state: Any) -> Array:
-        return jnp.any(state[3] > 0) & (state[6] < most) & (code == Status.SOLVED)
+        return jnp.any(state[3].left > 0) & (state[3].steps < most)
 
-    point, direction, _ = emit(jax.random.fold_in(key, 1))
-    start = (
-        point, direction, jnp.ones(lanes, dtype), jnp.broadcast_to(each, (lanes,)), jnp.zeros(_GROUPS * patches, dtype),
-        jnp.asarray(0.0, dtype), jnp.asarray(0),
-    )  # fmt: skip
-    _, _, _, left, tally, heaviest, steps = jax.lax.while_loop(goes_on, bounce, start)
+    nowhere = jnp.zeros((lanes, 3), dtype)
+    start = _Walked(
+        jnp.zeros(_GROUPS * patches, dtype), jnp.broadcast_to(each, (lanes,)), jnp.asarray(0.0, dtype), jnp.asarray(0)
+    )
+    return jax.lax.while_loop(goes_on, bounce, (nowhere, nowhere, nowhere[:, 0], start))[3]
+
+
+@eqx.filter_jit
+def _told(posed: Problem, radius: Radius, code: Any, begins: Any, each: Array, walked: _Walked, diffuse: bool) -> Solution:
+    dtype, patches, lanes = posed.areas.dtype, posed.areas.size, _GROUPS * _LANES
     # Each path carries the same power; a group's tally is an estimate of its own.
-    count = (each * _LANES).astype(dtype)
-    groups = posed.emission + tally.reshape(_GROUPS, patches) * jnp.sum(power) / (count * posed.areas)
-    value, spread = jnp.mean(groups, axis=0), jnp.std(groups, axis=0, ddof=1) / np.sqrt(_GROUPS)
-    code = jnp.where((code == Status.SOLVED) & jnp.any(left > 0), int(Status.STILL_MOVING), code)
-    solved = code == Status.SOLVED
-    value, error = jnp.where(solved, value, jnp.nan), jnp.where(solved, spread, jnp.inf)
-    code = jnp.where(solved & (heaviest > _HEAVY), int(Status.HEAVY), code)
-    residual = jnp.max(jnp.abs(known.residual(value))) if diffuse else jnp.asarray(jnp.nan, dtype)
-    cost = steps.astype(dtype) * lanes
-    return Solution(value, error, residual, cost, each * lanes, radius, code, "paths")
+    share = jnp.sum(posed.areas * posed.emission) / ((each * _LANES).astype(dtype) * posed.areas)
+    groups = posed.emission + walked.tally.reshape(_GROUPS, patches) * share
+    done = begins & jnp.all(walked.left == 0)
+    value = jnp.where(done, jnp.mean(groups, axis=0), jnp.nan)
+    error = jnp.where(done, _standard_error(groups), jnp.inf)
+    code = jnp.where(begins & ~done, int(Status.STILL_MOVING), code)
+    code = jnp.where(done & (walked.heaviest > _HEAVY), int(Status.HEAVY), code)
+    residual = jnp.max(jnp.abs(posed.residual(value))) if diffuse else jnp.asarray(jnp.nan, dtype)
+    return Solution(value, error, residual, walked.steps.astype(dtype) * lanes, each * lanes, radius, code, "paths")
 
 
-def _unknown(posed: Problem) -> Radius:
-    nothing = jnp.asarray(0.0, posed.areas.dtype)
-    return Radius(nothing, nothing + jnp.inf, jnp.ones_like(posed.areas), jnp.asarray(0))
+def _standard_error(groups: Float[Array, "groups ..."]) -> Float[Array, "..."]:
+    return jnp.std(groups, axis=0, ddof=1) / _GROUPS**0.5
 
 
-def _white(brdf: Any) -> Any:
-    return brdf.reflectance if isinstance(brdf, Lambert) else 1.0
+def _bounds(enclosure: Sphere | Box, posed: Problem, brdf: Any) -> Radius:
+    """Of the spectral radius with walls that are not diffuse: that of the sphere is the largest."""
+    found = angular_operator(brdf, nodes=_NODES, azimuths=_AZIMUTHS).spectral_radius()
+    lower = found.lower * jnp.min(posed.reflectance) if isinstance(enclosure, Sphere) else 0 * found.lower
+    return Radius(lower, found.upper * jnp.max(posed.reflectance), jnp.ones_like(posed.areas), found.iterations)
 
 
 def energy_after_bounces(
@@ -208,7 +224,7 @@ def _energy(enclosure: Any, brdf: Any, key: Any, bounces: int, each: int, sampli
 
     groups = jax.lax.map(group, jax.random.split(key, _GROUPS))
     one = jnp.ones(1, dtype)
-    mean, error = jnp.mean(groups, axis=0), jnp.std(groups, axis=0, ddof=1) / np.sqrt(_GROUPS)
+    mean, error = jnp.mean(groups, axis=0), _standard_error(groups)
     return Energy(jnp.concatenate([one, mean]), jnp.concatenate([0 * one, error]))
 
 
@@ -288,4 +304,8 @@ def _of_type(brdf: Any, dtype: Any) -> Any:
     core = peel(inner)[0] if isinstance(inner, AbstractBRDF) else inner
     if not has_axis(core):
         raise TypeError(f"paths need a lobe about an axis or one made of facets; got {type(core).__name__}")
+    up = jnp.asarray([0.0, 0.0, 1.0])
+    shape = jax.eval_shape(lambda: jnp.asarray(brdf(up, up))).shape
+    if shape:
+        raise ValueError(f"paths carry one channel; this BRDF has values of the shape {shape}")
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)

@@ -100,7 +100,8 @@ def patch_form_factor(first: Any, second: Any, order: int = 12) -> FormFactor:
     `first`, `second`: vertices of shape (m, 3), counterclockwise from behind, as the faces of a solid seen from outside; they
     must see each other unhindered but may cut each other's horizon and share edges. `order`: Gauss nodes a direction, >= 2,
     graded towards the rim. The value is the mean of the two reciprocal estimates, weighted by how little each changes with
-    fewer nodes; the error is that change, and what of their disagreement it leaves unexplained. Raises ValueError for bad polygons or orders.
+    fewer nodes; the error is that change, and what of their disagreement it leaves unexplained. Raises ValueError for bad
+    polygons or orders.
     """
     first, second = checked_polygon(first, "the first polygon"), checked_polygon(second, "the second polygon")
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 2:

@@ -49,8 +49,8 @@ _TEXTS = {
     " no limit; find the wall whose albedo exceeds 1 (brdfcheck check) and give it a validated factor",
     Status.MEANINGLESS: "the linear system has a solution, the light has none: the sum over bounces has no limit, and this"
     " finite answer means nothing; find the wall whose albedo exceeds 1 (brdfcheck check)",
-    Status.UNDECIDED: "the bounds of the spectral radius contain 1: a wall is loss-free to rounding; lower its reflectance or"
-    " use float64",
+    Status.UNDECIDED: "the bounds of the spectral radius contain 1, so it is not known whether the sum over bounces has a"
+    " limit; lower the reflectance, or use float64",
     Status.NOT_FINITE: "the result is not finite: look for reflectances at or above 1, or use float64",
     Status.STILL_MOVING: "no mean is reported: paths were still under way when the bounces ran out; allow more bounces, or look"
     " for an albedo at or above 1 (brdfcheck check)",
@@ -177,11 +177,12 @@ def spectral_radius(enclosure: AbstractEnclosure, reflectance: Any, *, iteration
     For one reflectance it is that reflectance. At most so many `iterations`; the bounds hold in any case.
     ValueError for reflectances that are negative or not finite.
     """
-    return _radius(problem(enclosure, 0.0, reflectance), jnp.asarray(iterations))
+    return radius_at(problem(enclosure, 0.0, reflectance), iterations)
 
 
 @jax.jit
-def _radius(problem: Problem, iterations: Array) -> Radius:
+def radius_at(problem: Problem, iterations: Any = _ITERATIONS) -> Radius:
+    """`spectral_radius` of a checked problem."""
     return radius_of(problem, iterations)
 
 
@@ -209,6 +210,7 @@ def power_iteration(apply: Any, start: Array, weight: Array | None = None, itera
         if weight is None:
             return jnp.minimum(jnp.min(jnp.where(taking_part, ratio, jnp.inf)), upper), upper
         norm = jnp.sum(weight * w * w)
+        # A quotient of a positive vector, so a lower bound of the largest eigenvalue.
         return jnp.where(norm > 0, jnp.sum(weight * w * image) / jnp.where(norm > 0, norm, 1), 0), upper
 
     def step(state: Any) -> Any:
