@@ -55,3 +55,29 @@ def half_cosine(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[A
 def above_horizon(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Array:
     """True where neither direction lies below the surface, shape ``(...)``."""
     return (wi[..., 2] >= 0) & (wo[..., 2] >= 0)
+
+
+def reflected(travel: Float[Array, "..."], normal: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
+    """Where light that travels along `travel` goes after a mirror with the unit normal `normal`: d - 2 (d.N) N.
+
+    The components lie along `axis`, the last one or the first.
+    """
+    return travel - 2 * jnp.sum(travel * normal, axis=axis, keepdims=True) * normal
+
+
+def refracted(
+    travel: Float[Array, "..."], normal: Float[Array, "..."], ratio: Float[Array, "..."], axis: int = -1
+) -> tuple[Float[Array, "..."], Array]:
+    r"""Snell's law: (unit direction behind the boundary, whether there is one).
+
+    Unit `travel` towards the boundary, unit `normal` against it (d.N < 0), `ratio` the index of the near side over that of
+    the far side, of the shape of one component. $t = e\,d + (e c - \sqrt{1 - e^2 (1 - c^2)}) N$, $c = -d \cdot N$. Where the
+    radicand is negative all light is reflected: the flag is False, and the direction the mirror's, which is finite.
+    """
+    cosine = -jnp.sum(travel * normal, axis=axis)
+    radicand = 1 - ratio * ratio * (1 - cosine) * (1 + cosine)
+    passes = radicand > 0
+    far_cosine = jnp.sqrt(jnp.where(passes, radicand, 1))
+    along = jnp.expand_dims(jnp.where(passes, ratio, 1), axis)
+    across = jnp.expand_dims(jnp.where(passes, ratio * cosine - far_cosine, 2 * cosine), axis)
+    return along * travel + across * normal, passes
