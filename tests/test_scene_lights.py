@@ -30,8 +30,8 @@ def test_polygon_has_the_form_factors_of_the_closed_forms():
 def test_polygon_is_cut_at_the_horizon():
     assert factor(WALL) == pytest.approx(0.1114683940, abs=1e-10)
     assert factor(WALL, horizon_clipping=False) == pytest.approx(0, abs=1e-15)
-    assert factor(WALL - [0, 0, 3]) == 0  # all of it below
-    high = WALL + [0, 0, 1.5]
+    assert factor(WALL - np.array([0, 0, 3])) == 0  # all of it below
+    high = WALL + np.array([0, 0, 1.5])
     assert factor(high) == pytest.approx(factor(high, horizon_clipping=False), abs=1e-15)
 
 

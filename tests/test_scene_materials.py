@@ -120,24 +120,24 @@ def test_a_family_is_checked_once(monkeypatch):
     assert [target for (target,) in calls] == ["lambert", "blinn-phong"]
     # Outside the range over which the family is checked, and for a lobe that is given, the BRDF itself is.
     Surface(Term("lyon-1-half", n=0.5))
-    with pytest.raises(ValueError, match="kuijk-blake-mirror is not validated .VIOLATES: albedo 2.67569"):
+    with pytest.raises(ValueError, match=r"kuijk-blake-mirror is not validated .VIOLATES: albedo 2.67569"):
         Surface(Term("kuijk-blake-mirror", n=3000.0))
-    with pytest.raises(ValueError, match="BinomialPower is not validated .VIOLATES: albedo 1.5"):
+    with pytest.raises(ValueError, match=r"BinomialPower is not validated .VIOLATES: albedo 1.5"):
         Surface(Term(BinomialPower(10.0)))
     assert len(calls) == 5
 
 
 def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     Surface(Term("lambert", 0.7), Term("phong", 0.3, n=20))
-    with pytest.raises(ValueError, match="up to 1.1 of the light in channel G, at 0 degrees: 0.1 more than arrives"):
+    with pytest.raises(ValueError, match=r"up to 1.1 of the light in channel G, at 0 degrees: 0.1 more than arrives"):
         Surface(Term("lambert", (0.1, 0.5, 0.2)), Term("blinn-phong", 0.6, n=30))
     # More than 1 by the tints, less than 1 in fact: the lobe loses energy of its own.
     lossy = Term("binomial-power-half", 1.0, n=1.0)
     Surface(Term("lambert", 0.09), lossy)
-    with pytest.raises(ValueError, match="the surface reflects up to 1.00638 of the light in channel R"):
+    with pytest.raises(ValueError, match=r"the surface reflects up to 1.00638 of the light in channel R"):
         Surface(Term("lambert", 0.1), lossy)
     # A Fresnel reflectance reaches 1 at grazing incidence, where the light of the matt part is still there.
-    with pytest.raises(ValueError, match="up to 1.07[0-9]* of the light in channel R, at 90 degrees: 0.07"):
+    with pytest.raises(ValueError, match=r"up to 1.07[0-9]* of the light in channel R, at 90 degrees: 0.07"):
         Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.05))
     Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.1))
 

@@ -75,6 +75,9 @@ def write_image(path: str | os.PathLike[str], image: Any, *, bits: int = 8, meta
     kind = Path(path).suffix.removeprefix(".").lower()
     if kind not in KINDS:
         raise ValueError(f"the name of an image must end in .png or .exr; got {os.fspath(path)!r}")
+    refused = records.refuse_output(os.fspath(path))
+    if refused is not None:
+        raise OSError(f"cannot write {os.fspath(path)}: {refused}")
     records.write_atomically(path, png_bytes(image, bits) if kind == "png" else exr_bytes(image, metadata))
 
 

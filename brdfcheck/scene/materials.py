@@ -21,7 +21,7 @@ from brdfcheck.precision import double_precision
 from brdfcheck.scene.fresnel import FRESNELS
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
 from brdfcheck.scene.shading import AbstractMaterial, Meeting, Place, meetings, reflected
-from brdfcheck.scene.values import TINY, checked, color_of, power, scalar, spread
+from brdfcheck.scene.values import TINY, checked, color_of, power, scalar, spread, strong
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check
 
 # --- physical surfaces ---
@@ -68,7 +68,7 @@ class Term(eqx.Module):
             raise TypeError(f"parameters go with a catalogue name; got {', '.join(parameters)} beside {type(brdf).__name__}")
         if not isinstance(brdf, AbstractBRDF):
             raise TypeError(f"a BRDF must be a catalogue name or a lobe of this package; got {type(brdf).__name__}")
-        self.brdf = brdf
+        self.brdf = jax.tree.map(strong, brdf)
 
     @property
     def matt(self) -> bool:
@@ -121,7 +121,9 @@ class Surface(AbstractMaterial):
                         share = FRESNELS[term.fresnel](meeting.light_half, spread(term.tint, dimensions))
                         total = total + spread(light.intensity, dimensions) * share * value
                 elif term.matt:
-                    field = light.irradiance(place.point, place.normal) / np.pi if isinstance(light, Polygon) else jnp.ones(())
+                    field = jnp.ones((), total.dtype)
+                    if isinstance(light, Polygon):
+                        field = light.irradiance(place.point, place.normal) / np.pi
                     total = total + spread(light.intensity * term.albedo().astype(total.dtype), dimensions) * field
                 elif isinstance(light, Environment):
                     value = directional_albedo(term.brdf, place.seen, term.fresnel, term.tint)

@@ -36,12 +36,14 @@ def sphere_image(
     contact sheet is one program too. Raises ValueError for a camera inside the sphere or bad values, and what `shade` raises.
     """
     size = checked_size(size)
+    center, radius, background = (
+        part if isinstance(part, jax.Array) else np.asarray(part, float) for part in (center, radius, background)
+    )
+    if background.shape not in ((), (3,), (3, *size)):
+        raise ValueError(f"background must be a number, RGB or {(3, *size)}; got shape {background.shape}")
     if not isinstance(center, Tracer) and not isinstance(radius, Tracer):
         _refuse_inside(np.asarray(center, float), np.asarray(radius, float), camera)
-    if jnp.shape(background) not in ((), (3,), (3, *size)):
-        raise ValueError(f"background must be a number, RGB or {(3, *size)}; got shape {jnp.shape(background)}")
-    numbers = center, radius, background
-    return _image(material, tuple(lights), camera, numbers, size, jnp.dtype(dtype))
+    return _image(material, tuple(lights), camera, (center, radius, background), size, jnp.dtype(dtype))
 
 
 def _refuse_inside(center: np.ndarray, radius: np.ndarray, camera: AbstractCamera | None) -> None:

@@ -70,10 +70,15 @@ def spread(color: Float[Array, "..."], dimensions: int) -> Float[Array, "..."]:
     return color.reshape(color.shape + (1,) * dimensions) if color.ndim == 1 else color
 
 
+def strong(array: Array) -> Array:
+    """The array with a type of its own: 10 and 10.0 are the same to a compiled program."""
+    return array.astype(array.dtype)
+
+
 def checked(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Array:
     """`value` as an array leaf; ValueError where it is not finite or outside [low, high] (`above`: low itself too)."""
     try:
-        array = as_parameter(value)
+        array = strong(as_parameter(value))
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be a number; got {value!r}") from None
     if not isinstance(array, Tracer):
