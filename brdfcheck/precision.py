@@ -16,11 +16,19 @@ def use_x64() -> None:
     jax.config.update("jax_enable_x64", True)
 
 
-def double_precision() -> contextlib.AbstractContextManager[object]:
-    """float64 within a ``with`` block, whatever the process runs in: for users' functions, whose error bars depend on it."""
+def double_precision(wanted: bool = True) -> contextlib.AbstractContextManager[object]:
+    """float64 within a ``with`` block, whatever the process runs in: for users' functions, whose error bars depend on it.
+
+    `wanted` False: what `is_double` said elsewhere, for threads, to which a ``with`` block of another one does not extend.
+    """
     if hasattr(jax, "enable_x64"):
-        return jax.enable_x64(True)
-    return importlib.import_module("jax.experimental").enable_x64(True)  # JAX before 0.8
+        return jax.enable_x64(wanted)
+    return importlib.import_module("jax.experimental").enable_x64(wanted)  # JAX before 0.8
+
+
+def is_double() -> bool:
+    """True where new arrays of this thread are float64."""
+    return bool(jax.config.read("jax_enable_x64"))
 
 
 def cache_folder() -> Path:

@@ -17,7 +17,10 @@ of width n), float32 with breaks and microfacet lobes are integrated cell by cel
 from __future__ import annotations
 
 import functools
+import itertools
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -29,6 +32,7 @@ from jaxtyping import Array, ArrayLike, Float
 from brdfcheck import catalog, directional
 from brdfcheck.brdf import AbstractZonalLobe, TruncatedPowers
 from brdfcheck.directional import Albedo
+from brdfcheck.precision import double_precision, is_double
 from brdfcheck.quadrature.moments import MomentOrder, prepare, truncated_powers
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
@@ -68,6 +72,9 @@ _POWER_PLAN = _PowerPlan(1100.0, 30.0, MomentOrder(40, 12, 44, 6), MomentOrder(8
 _LARGEST_POWER = 8
 # The coarse rule is run for every so many-th exponent only.
 _CHECKED = 4
+# The cost of a cell by itself in cells with shared nodes, and from how many of these on another thread pays.
+_CELL = 2000
+_LEAST = 15_000
 
 
 def _chebyshev(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -199,6 +206,60 @@ def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float |
     return value.reshape(shape), error.reshape(shape), count
 
 
+# Programs that are known to be compiled: two threads that meet a new one would both compile it.
+_seen: dict[Any, None] = {}
+_SEEN = 256
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@functools.cache
+def _pool(cores: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(cores, "brdfcheck-columns")
+
+
+def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, column: int) -> tuple:
+    """`program(mu)` with the columns shared out among threads; XLA runs such a program on one core.
+
+    `same` tells programs apart; `column`: what one column costs, in cells with shared nodes.
+    """
+    cores = _cores() if jax.default_backend() == "cpu" else 1
+    parts = min(cores, mu.size, mu.size * column // _LEAST)
+    if parts < 2:
+        return program(mu)
+    # Parts of one length share one program: the last one may overlap the one before.
+    length = -(-mu.size // parts)
+    starts = [min(part * length, mu.size - length) for part in range(parts)]
+    pieces = [mu[start : start + length] for start in starts]
+    try:
+        fresh = (same, length, mu.dtype.name) not in _seen
+        while len(_seen) >= _SEEN:
+            _seen.pop(next(iter(_seen)))
+        _seen[same, length, mu.dtype.name] = None
+    except TypeError:  # a callable that cannot be hashed
+        fresh = True
+    if fresh:
+        results = [program(piece) for piece in pieces]
+    else:
+        double = is_double()
+
+        def run(piece: Array) -> tuple:
+            with double_precision(double):
+                return jax.block_until_ready(program(piece))
+
+        results = list(_pool(cores).map(run, pieces))
+    drop = [0] + [max(0, before + length - start) for before, start in itertools.pairwise(starts)]
+
+    def joined(*columns: Any) -> Any:
+        if getattr(columns[0], "ndim", 0) < 2:  # a count
+            return columns[0]
+        return jnp.concatenate([column[:, skip:] for column, skip in zip(columns, drop, strict=True)], axis=1)
+
+    return tuple(joined(*columns) for columns in zip(*results, strict=True))
+
+
 def _count(plan: _Plan | _PowerPlan) -> int:
     """Evaluations for one incidence."""
     if isinstance(plan, _PowerPlan):
@@ -259,14 +320,18 @@ def albedo_table(
     alone = len(rising) if plan is None else int(np.searchsorted(rising, 1.0))
     parts, counts = [], [0]
     if alone:
-        *cells, count = _cells(brdf_of_n, jnp.asarray(rising[:alone]), mu, rtol)
+        singles = jnp.asarray(rising[:alone])
+        *cells, count = _on_all_cores(
+            lambda mu: _cells(brdf_of_n, singles, mu, rtol), (brdf_of_n, alone, rtol), mu, alone * _CELL
+        )
         parts.append(cells)
         counts.append(count)
     if plan is not None and alone < len(rising):
-        shared = rising[alone:]
-        ratio = plan.far_ratio if isinstance(plan, _PowerPlan) and shared[-1] > plan.ratio else plan.ratio
-        blocks = _blocks(shared, ratio)
-        parts.append(_shared_nodes(brdf_of_n, plan, jnp.asarray(shared), blocks, mu))
+        shared = jnp.asarray(rising[alone:])
+        ratio = plan.far_ratio if isinstance(plan, _PowerPlan) and rising[-1] > plan.ratio else plan.ratio
+        blocks = _blocks(rising[alone:], ratio)
+        same = (brdf_of_n, shared.size, blocks)
+        parts.append(_on_all_cores(lambda mu: _shared_nodes(brdf_of_n, plan, shared, blocks, mu), same, mu, shared.size))
         counts.append(_count(plan))
     value, error = (column[0] if len(parts) == 1 else jnp.concatenate(column) for column in zip(*parts, strict=True))
     if np.any(order[1:] < order[:-1]):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import Factor, Normalized, albedo, albedo_table
+from brdfcheck import Factor, Normalized, albedo, albedo_table, tables
 from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
-from brdfcheck.microfacet import GGX
+from brdfcheck.microfacet import GGX, CookTorrance
 
 FAMILIES = {
     "phong": Phong,
@@ -89,3 +90,35 @@ def test_bad_axes_are_refused(n, mu, message):
 def test_unknown_names_are_refused():
     with pytest.raises(KeyError, match="phong"):
         albedo_table("fong", [1.0], [1.0])
+
+
+@pytest.mark.parametrize("cores", [2, 3])
+@pytest.mark.parametrize("family", [Phong, lambda n: Lyon(n, 2), CookTorrance], ids=["nodes", "powers", "cells"])
+def test_threads_change_nothing(monkeypatch, family, cores):
+    """Columns shared out among threads, the last part overlapping the one before."""
+    n = np.geomspace(1, 900, 11) if family is not CookTorrance else np.array([0.2, 0.6])
+    mu = np.linspace(0.02, 1, 11)
+    monkeypatch.setattr(tables, "_LEAST", 1)
+    monkeypatch.setattr(tables, "_cores", lambda: 1)
+    alone = albedo_table(family, n, mu)
+    used = set()
+    monkeypatch.setattr(tables, "_cores", lambda: cores)
+    pool = tables._pool(cores)
+    original = pool.map
+    monkeypatch.setattr(pool, "map", lambda run, pieces: used.add(len(pieces)) or original(run, pieces))
+    albedo_table(family, n, mu)  # compiles
+    together = albedo_table(family, n, mu)
+    assert used == {cores}
+    np.testing.assert_allclose(together.value, alone.value, rtol=4e-15)
+    np.testing.assert_allclose(together.error, alone.error, rtol=1e-2, atol=1e-15)
+    assert together.evaluations == alone.evaluations
+
+
+def test_threads_keep_the_callers_precision(monkeypatch):
+    monkeypatch.setattr(tables, "_LEAST", 1)
+    monkeypatch.setattr(tables, "_cores", lambda: 2)
+    mu = np.array([0.1, 0.7])
+    with jax.enable_x64(False):
+        for _ in range(2):
+            assert albedo_table(Phong, [1.0, 4.0], mu).value.dtype == jnp.float32
+    assert albedo_table(Phong, [1.0, 4.0], mu).value.dtype == jnp.float64
