@@ -261,6 +261,8 @@ def test_nothing_is_computed_that_the_scene_does_not_use():
     assert used(Surface(MATT), (CONE,)) == {"sqrt": 2, "exp": 1, "log": 1}
     assert used(Highlight(0.5), (SUN,)) == {"sqrt": 1, "exp": 1, "log": 1}
     assert used(Metal(0.5, [(0.1, 0.4)]), (SUN,)) == {"sqrt": 1, "exp": 1}
+    # The distance, |L + V| once though it is used twice, and the masking of GGX towards both sides.
+    assert used(Surface(Term("ggx", alpha=0.3)), (BULB,)) == {"sqrt": 5}
     clipped, whole = (used(Surface(MATT), (Polygon(WALL.vertices, horizon_clipping=on),)) for on in (True, False))
     assert clipped["atan2"] == 8
     assert whole["atan2"] == 4
