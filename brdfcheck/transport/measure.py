@@ -5,14 +5,20 @@ Nothing here knows the answer: the reference is handed in. Times are of warm pro
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from scipy.optimize import brentq
 
+from brdfcheck import records
+from brdfcheck.transport.angular import AngularOperator, angular_operator
 from brdfcheck.transport.enclosures import AbstractEnclosure, Box, Sphere, box
 from brdfcheck.transport.neumann import neumann_series
 from brdfcheck.transport.paths import trace
@@ -137,3 +143,111 @@ def timed(run: Callable[[], Any], repeats: int, *, warm: bool = True) -> tuple[f
         answer = jax.block_until_ready(run())
         best = min(best, time.perf_counter() - began)
     return best, answer
+
+
+@dataclass(frozen=True)
+class Level:
+    """What one solver says at one reflectance: radiosity of each patch, its largest error, the residual, and the status."""
+
+    method: str
+    reflectance: float
+    value: tuple[float, ...]
+    error: float
+    residual: float
+    cost: float
+    status: str
+    message: str
+
+
+def levels(
+    enclosure: AbstractEnclosure, emission: Any, reflectances: Sequence[float], *, key: Any = None, paths: int = 2**16
+) -> list[Level]:
+    """All solvers at uniform reflectances, those at and above 1 too; path tracing where there is a `key`.
+
+    Raises as the solvers do.
+    """
+    found = []
+    for rho in reflectances:
+        solutions = [solve(enclosure, emission, rho) for solve in (direct, krylov, progressive, neumann_series)]
+        if key is not None and isinstance(enclosure, (Sphere, Box)):
+            solutions.append(trace(enclosure, emission, rho, key=key, paths=paths))
+        for one in solutions:
+            value, error = tuple(np.asarray(one.value, float).tolist()), float(np.max(np.asarray(one.error)))
+            numbers = (float(one.residual), float(one.cost))
+            found.append(Level(one.method, float(rho), value, error, *numbers, one.status.name, one.message))
+    return found
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Mean radiosity of a cube's walls where the floor glows: the floor, the ceiling, the sides. Errors where known, else 0."""
+
+    patches: int
+    glowing: float
+    opposite: float
+    sides: float
+    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def refinement(cells: Sequence[int], reflectance: float, *, key: Any, paths: int) -> tuple[list[Walls], Walls]:
+    """A cube whose floor emits 1, by k x k patches a wall for each k, and without patches by path tracing.
+
+    Raises as `box` and the solvers do.
+    """
+
+    def walls(values: Any) -> tuple[float, float, float]:
+        means = np.asarray(values, float).reshape(6, -1).mean(axis=1)
+        return float(means[4]), float(means[5]), float(np.mean(means[:4]))
+
+    found = []
+    for count in cells:
+        cube = box(cells=count)
+        found.append(Walls(cube.patches, *walls(krylov(cube, cube.on_wall(4, 1.0), reflectance).value)))
+    cube = box()
+    light = trace(cube, cube.on_wall(4, 1.0), reflectance, key=key, paths=paths)
+    return found, Walls(0, *walls(light.value), errors=walls(light.error))
+
+
+@dataclass(frozen=True)
+class Radii:
+    """A family inside a sphere at rising parameters: largest albedo and spectral radius, and where the latter crosses 1."""
+
+    parameters: tuple[float, ...]
+    largest: tuple[float, ...]
+    radii: tuple[float, ...]
+    crossings: tuple[float, ...]
+
+
+def radii(family: Callable[[float], Any], parameters: Sequence[float], **nodes: int) -> Radii:
+    """The radius of the angular operator of ``family(parameter)``; crossings of 1 between neighbours to 1e-4.
+
+    The largest albedo is that over the operator's nodes. `nodes`: what `angular_operator` takes. Raises ValueError unless the
+    parameters rise, and as `angular_operator` does.
+    """
+    if len(parameters) == 0 or any(low >= high for low, high in itertools.pairwise(parameters)):
+        raise ValueError(f"parameters must rise; got {list(parameters)}")
+
+    def operator(parameter: float) -> AngularOperator:
+        return angular_operator(family(float(parameter)), **nodes)
+
+    def excess(parameter: float) -> float:
+        return float(operator(parameter).spectral_radius().upper) - 1
+
+    operators = [operator(parameter) for parameter in parameters]
+    found = [float(part.spectral_radius().upper) - 1 for part in operators]
+    largest = tuple(float(jnp.max(part.albedo())) for part in operators)
+    pairs = zip(itertools.pairwise(parameters), itertools.pairwise(found), strict=True)
+    between = [ends for ends, (low, high) in pairs if low * high < 0]
+    crossings: list[Any] = [brentq(excess, *map(float, ends), xtol=1e-4) for ends in between]
+    return Radii(tuple(map(float, parameters)), largest, tuple(1 + value for value in found), tuple(crossings))
+
+
+def plain(value: Any) -> Any:
+    """What this module returns as dicts, lists and numbers for strict JSON: NaN and infinities become their words."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {name: plain(part) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(part) for part in value]
+    return records.number(value) if isinstance(value, float) else value

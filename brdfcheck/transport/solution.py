@@ -51,7 +51,7 @@ _TEXTS = {
     " finite answer means nothing; find the wall whose albedo exceeds 1 (brdfcheck check)",
     Status.UNDECIDED: "the bounds of the spectral radius contain 1, so it is not known whether the sum over bounces has a"
     " limit; lower the reflectance, or use float64",
-    Status.NOT_FINITE: "the result is not finite: look for reflectances at or above 1, or use float64",
+    Status.NOT_FINITE: "the result is not finite, so it means nothing: look for an albedo at or above 1 (brdfcheck check)",
     Status.STILL_MOVING: "no mean is reported: paths were still under way when the bounces ran out; allow more bounces, or look"
     " for an albedo at or above 1 (brdfcheck check)",
     Status.HEAVY: "single paths weigh more than 32 others, so the standard error is not to be trusted: sample by lobe, or lower"
@@ -267,4 +267,5 @@ def judged(code: Array, value: Array, reached: Bool[Array, ""] | bool = True) ->
     solved = code == Status.SOLVED
     code = jnp.where(solved & ~jnp.asarray(reached), int(Status.NOT_REACHED), code)
     finite = jnp.all(jnp.isfinite(value))
-    return jnp.where((code == Status.SOLVED) & ~finite, int(Status.NOT_FINITE), code)
+    # A method that refuses has said why there is no number.
+    return jnp.where((code != Status.DIVERGES) & ~finite, int(Status.NOT_FINITE), code)
