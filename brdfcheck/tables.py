@@ -267,6 +267,33 @@ def _count(plan: _Plan | _PowerPlan) -> int:
     return plan.fine.circle + plan.fine.cut
 
 
+def profile_evaluations(brdf_of_n: Callable[..., Any], n: Float[ArrayLike, " n"], dtype: Any = np.float64) -> tuple[int, str]:
+    """How often a column of `albedo_table` evaluates the profile, error estimate included, and of what kind that is.
+
+    "profile": the lobe's own formula, one `exp` or less; "power": a truncated power, multiplications only. 0 of "cell" where
+    the table is integrated cell by cell: there ``Albedo.evaluations`` says it. For families of lobes about an axis and n >= 1.
+    """
+    rising = np.sort(_checked_exponents(n))
+    shape, powers = _structure.__wrapped__(brdf_of_n, np.dtype(dtype))
+    plan = None if shape is None else _plan(directional.peel(shape)[0], powers, np.dtype(dtype))
+    if plan is None or rising[0] < 1:
+        return 0, "cell"
+    if isinstance(plan, _PowerPlan):
+        panels = 2 if directional.peel(shape)[0].form == "half" else 1
+        ratio = plan.far_ratio if rising[-1] > plan.ratio else plan.ratio
+        total = 0
+        for order in (plan.fine, plan.coarse):
+            points = order.intervals + 1
+            total += points * panels * (order.circle + panels * (order.lead + order.intervals * order.gap))
+        return total * (len(_blocks(rising, ratio)) + 1), "power"
+    total = 0
+    for part in np.split(rising, _blocks(rising, plan.ratio)):
+        nodes = min(plan.exponents, len(part))
+        total += nodes * (plan.fine.circle + plan.fine.cut)
+        total += -(-nodes // _CHECKED) * (plan.coarse.circle + plan.coarse.cut)
+    return total, "profile"
+
+
 def _blocks(rising: np.ndarray, ratio: float) -> tuple[int, ...]:
     """Where to cut rising exponents so that no part spans more than `ratio` in 1+n."""
     position = np.log1p(rising) - np.log1p(rising[0])

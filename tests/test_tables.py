@@ -122,3 +122,23 @@ def test_threads_keep_the_callers_precision(monkeypatch):
         for _ in range(2):
             assert albedo_table(Phong, [1.0, 4.0], mu).value.dtype == jnp.float32
     assert albedo_table(Phong, [1.0, 4.0], mu).value.dtype == jnp.float64
+
+
+def test_the_evaluations_of_a_column_are_counted():
+    n = np.geomspace(1, 900, 100)
+    seen = []
+
+    class Counted(Phong):
+        def profile(self, versine):
+            seen.append(versine.size)
+            return super().profile(versine)
+
+    # One trace of the fine rule and one of the coarse one, each under a vmap over exponents.
+    albedo_table(Counted, n, np.array([0.5]))
+    count, kind = tables.profile_evaluations(Phong, n)
+    assert kind == "profile"
+    fine, coarse = seen
+    assert count == 56 * fine + 14 * coarse
+    assert tables.profile_evaluations(KuijkBlake, n)[1] == "power"
+    assert tables.profile_evaluations(KuijkBlake, np.array([0.5, 2.0])) == (0, "cell")
+    assert tables.profile_evaluations(KuijkBlake, n, np.float32) == (0, "cell")
