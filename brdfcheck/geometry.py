@@ -75,7 +75,8 @@ def refracted(
     radicand is negative all light is reflected: the flag is False, and the direction the mirror's, which is finite.
     """
     cosine = -jnp.sum(travel * normal, axis=axis)
-    radicand = 1 - ratio * ratio * (1 - cosine) * (1 + cosine)
+    # 1 - e^2 (1 - c^2), written so that grazing rays keep their digits where e is 1 or nearly so.
+    radicand = (1 - ratio) * (1 + ratio) + (ratio * cosine) ** 2
     passes = radicand > 0
     far_cosine = jnp.sqrt(jnp.where(passes, radicand, 1))
     along = jnp.expand_dims(jnp.where(passes, ratio, 1), axis)

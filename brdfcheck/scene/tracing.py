@@ -33,7 +33,7 @@ from brdfcheck.scene.values import Vector, color_of, scalar, vector_of
 
 # Pixels that walk through the tree together: few enough that a block of sky ends at once, enough to keep the loops wide.
 _BLOCK = 8192
-# Of a tree with two branches 2^(depth + 1) - 2 nodes are visited, or skipped, which is not free.
+# Of a tree with two branches 2^(depth + 1) - 1 nodes are visited, or skipped, which is not free.
 _DEEPEST = 9
 
 Field = Float[Array, "3 pixels"]
@@ -286,8 +286,8 @@ def _meet(
 
 
 def _tree(depth: int, branches: int) -> np.ndarray:
-    """(level, branch) of the nodes below the root of the tree, depth first; levels from 1 to `depth`."""
-    rows: list[tuple[int, int]] = []
+    """(level, branch) of all nodes of the tree, depth first; the ray from the eye is (0, 0)."""
+    rows = [(0, 0)]
 
     def visit(level: int) -> None:
         for branch in range(branches if level <= depth else 0):
@@ -295,7 +295,7 @@ def _tree(depth: int, branches: int) -> np.ndarray:
             visit(level + 1)
 
     visit(1)
-    return np.array(rows, np.int32).reshape(-1, 2)
+    return np.array(rows, np.int32)
 
 
 @eqx.filter_jit
@@ -305,51 +305,48 @@ def _trace(
     camera: AbstractCamera,
     background: Array,
     least_weight: Array,
-    static: tuple[Size, int, bool, Any],
+    static: tuple[Size, int, bool, Any, int],
 ) -> Array:
-    size, depth, shadows, dtype = static
+    size, depth, shadows, dtype, most = static
 
     def cast(leaf: Any) -> Any:
         return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
 
     bodies, lights, background, least_weight = jax.tree.map(cast, (bodies, lights, background, least_weight))
     pixels = size[0] * size[1]
-    count = min(_BLOCK, pixels)
+    count = min(most, pixels)
     blocks = -(-pixels // count)
 
     def in_blocks(field: Array) -> Array:
         padded = jnp.pad(field.reshape(3, pixels), ((0, 0), (0, blocks * count - pixels)), mode="edge")
         return padded.reshape(3, blocks, count).swapaxes(0, 1)
 
-    tree = _tree(depth, sum(_branches(bodies)))
+    branches = sum(_branches(bodies))
+    tree = jnp.asarray(_tree(depth, branches))
 
     def block(eye_rays: tuple[Array, Array]) -> Array:
         origin, travel = eye_rays
-        nowhere = jnp.full(count, -1, jnp.int32)
-        color, children = _meet(bodies, lights, background, _Ray(origin, travel, jnp.ones_like(origin), nowhere), shadows)
-        if not len(tree):
-            return color
+        first = _Ray(origin, travel, jnp.ones_like(origin), jnp.full(count, -1, jnp.int32))
+        if not branches:
+            return _meet(bodies, lights, background, first, shadows)[0]
 
         def visit(state: tuple[Array, _Ray], node: Array) -> tuple[tuple[Array, _Ray], None]:
             color, pending = state
             level, branch = node
-            ray = jax.tree.map(lambda field: field[level - 1, branch], pending)
+            ray = jax.tree.map(lambda field: field[level, branch], pending)
             ray = ray._replace(weight=jnp.where(jnp.max(ray.weight, axis=0) > least_weight, ray.weight, 0))
             nothing = ray._replace(weight=jnp.zeros_like(ray.weight))
             more, children = jax.lax.cond(
                 jnp.any(ray.weight > 0),
                 lambda: _meet(bodies, lights, background, ray, shadows),
-                lambda: (jnp.zeros_like(color), (nothing,) * sum(_branches(bodies))),
+                lambda: (jnp.zeros_like(color), (nothing,) * branches),
             )
-            return (color + more, store(pending, children, level)), None
-
-        def store(pending: _Ray, children: tuple[_Ray, ...], level: Any) -> _Ray:
-            return jax.tree.map(lambda field, *parts: field.at[level].set(jnp.stack(parts)), pending, *children)
+            pending = jax.tree.map(lambda field, *parts: field.at[level + 1].set(jnp.stack(parts)), pending, *children)
+            return (color + more, pending), None
 
         # One level more than is read: the children of the last one are written there.
-        pending = jax.tree.map(lambda part: jnp.zeros((depth + 1, len(children), *part.shape), part.dtype), children[0])
-        (color, _), _ = jax.lax.scan(visit, (color, store(pending, children, 0)), jnp.asarray(tree))
-        return color
+        pending = jax.tree.map(lambda part: jnp.zeros((depth + 2, branches, *part.shape), part.dtype).at[0, 0].set(part), first)
+        return jax.lax.scan(visit, (jnp.zeros_like(origin), pending), tree)[0][0]
 
     image = jax.lax.map(block, tuple(in_blocks(field) for field in camera.rays(size, dtype)))
     return image.swapaxes(0, 1).reshape(3, blocks * count)[:, :pixels].reshape(3, *size)
@@ -375,10 +372,12 @@ def trace(
     depth is another program, another index of refraction is not. jit and both modes of differentiation go through it.
 
     Bodies must not overlap. Raises ValueError where the camera is inside a sphere, for no body at all, a depth that is no
-    integer from 0 to 9, or bad values; TypeError for something that is no body.
+    integer from 0 to 9, or bad values; TypeError for something that is no body or no light.
     """
     if not bodies or not all(isinstance(body, AbstractBody) for body in bodies):
         raise TypeError(f"a scene is made of Sphere and Plane; got {', '.join(type(b).__name__ for b in bodies) or 'nothing'}")
+    if not all(isinstance(light, AbstractLight) for light in lights):
+        raise TypeError(f"lights are those of brdfcheck.scene.lights; got {', '.join(type(x).__name__ for x in lights)}")
     if isinstance(depth, bool) or not isinstance(depth, (int, np.integer)) or not 0 <= depth <= _DEEPEST:
         raise ValueError(f"depth must be an integer from 0 to {_DEEPEST}; got {depth!r}")
     for number, body in enumerate(bodies):
@@ -388,7 +387,7 @@ def trace(
                 raise ValueError(
                     f"the camera is inside sphere {number}: {distance:.4g} from its center, radius {float(body.radius):.4g}"
                 )
-    static = (checked_size(size), int(depth), bool(shadows), jnp.dtype(dtype))
+    static = (checked_size(size), int(depth), bool(shadows), jnp.dtype(dtype), _BLOCK)
     share = scalar(least_weight, "least_weight")
     return _trace(tuple(bodies), tuple(lights), camera, color_of(background, "background")[:, None], share, static)
 
