@@ -1,0 +1,98 @@
+"""What the studies of transport measure: points, growth, levels, refinement and radii, on the smallest cases."""
+
+from __future__ import annotations
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from brdfcheck import Factor, Lambert, Normalized, Phong, transport
+from brdfcheck.transport import measure
+from brdfcheck.transport.styles import LABELS, SOLVERS
+
+KEY = jax.random.key(0)
+
+
+def test_work_precision_of_every_solver():
+    room = transport.sphere(3, 2)
+    emission = np.array([1.0, 0, 0, 0, 0, 0])
+    exact = emission + 0.5 * np.mean(emission) / 0.5
+    points = transport.work_precision(room, emission, 0.5, exact, key=KEY, settings=3, repeats=1)
+    assert list(dict.fromkeys(point.method for point in points)) == list(measure.METHODS) == list(SOLVERS) == list(LABELS)
+    by = {name: [point for point in points if point.method == name] for name in measure.METHODS}
+    assert [len(own) for own in by.values()] == [1, 3, 3, 3, 3]
+    for name in ("krylov", "progressive", "neumann"):
+        assert by[name][0].error >= by[name][-1].error
+        assert all(point.error <= point.claimed + 1e-15 for point in by[name])
+    assert by["direct"][0].error < 1e-14
+    assert by["paths"][-1].cost > by["paths"][0].cost
+    assert all(point.seconds > 0 for point in points)
+    with pytest.raises(ValueError, match="reference must be finite, one for each of the 6 patches"):
+        transport.work_precision(room, emission, 0.5, exact[:3], key=KEY)
+
+
+def test_work_precision_ends_a_ladder_that_takes_too_long():
+    points = transport.work_precision(
+        transport.cylinder(), 1.0, 0.5, np.full(3, 2.0), key=KEY, settings=5, most_seconds=1e-9, repeats=1
+    )
+    assert [point.method for point in points] == ["direct", "krylov", "progressive", "neumann"]
+
+
+def test_growth_counts_patches_and_bytes():
+    small, large = transport.growth([(2, 2, 1), (4, 4, 2)], repeats=1)
+    assert (small.patches, large.patches) == (16, 64)
+    assert (small.matrix_bytes, large.matrix_bytes) == (8 * 16**2, 8 * 64**2)
+    assert large.direct_bytes > 2 * large.matrix_bytes
+    assert set(large.solver_seconds) == {"direct", "krylov", "progressive", "neumann"}
+    assert large.form_factor_seconds > 0
+
+
+def test_a_thousand_patches_in_time():
+    """Form factors and solve of 1,024 patches: 5 seconds are allowed, on any machine these tests run on."""
+    (cost,) = transport.growth([(16, 16, 8)], repeats=1)
+    assert cost.patches == 1024
+    assert cost.form_factor_seconds + cost.solver_seconds["direct"] < 5
+    assert cost.direct_bytes < 100 * 2**20
+
+
+def test_levels_are_strict_json():
+    cube = transport.box()
+    found = transport.levels(cube, cube.on_wall(4, 1.0), (0.7, 1.01), key=KEY, paths=4096)
+    assert [level.method for level in found[:5]] == ["direct", "krylov", "progressive", "neumann", "paths"]
+    assert [level.status for level in found] == [*["SOLVED"] * 5, "MEANINGLESS", "MEANINGLESS", *["DIVERGES"] * 3]
+    assert found[0].value[4] == pytest.approx(1.28654972, abs=5e-9)
+    assert found[5].value[4] == pytest.approx(-15.973378, abs=1e-6)
+    text = json.dumps(transport.plain(found), allow_nan=False)
+    assert json.loads(text)[-1]["value"] == ["NaN"] * 6
+    assert json.loads(text)[-1]["error"] == "Infinity"
+
+
+def test_refinement_comes_to_the_light():
+    steps, light = transport.refinement((1, 4), 0.7, key=KEY, paths=2**16)
+    assert [step.patches for step in steps] == [6, 96]
+    assert (steps[0].glowing, steps[0].opposite, steps[0].sides) == pytest.approx(
+        (1.28654972, 0.40926241, 0.40938030), abs=5e-9
+    )
+    for wall, error in zip(("glowing", "opposite", "sides"), light.errors, strict=True):
+        fine, coarse = getattr(steps[1], wall), getattr(steps[0], wall)
+        assert abs(getattr(light, wall) - fine) < 4 * error + abs(fine - coarse)
+
+
+def test_radii_and_where_they_cross_one():
+    found = transport.radii(Lambert, (0.5, 0.8), nodes=8, azimuths=8)
+    assert found.radii == pytest.approx((0.5, 0.8))
+    assert found.largest == pytest.approx((0.5, 0.8))
+    assert found.crossings == ()
+
+    def too_bright(n):
+        return Normalized(Phong(n), Factor(4, 2 * np.pi))
+
+    found = transport.radii(too_bright, (1.0, 3.0, 30.0), nodes=48, azimuths=96)
+    assert len(found.crossings) == 1
+    (crossing,) = found.crossings
+    radius = transport.angular_operator(too_bright(crossing), nodes=48, azimuths=96).spectral_radius()
+    assert radius.value == pytest.approx(1, abs=1e-4)
+    with pytest.raises(ValueError, match="parameters must rise"):
+        transport.radii(Lambert, (0.5, 0.5))
