@@ -45,7 +45,9 @@ def test_the_known_values():
     assert transport.inside_sphere(np.pi, 0.5).value == pytest.approx(1.0, rel=1e-15)
 
 
-@given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.5), min_size=4, max_size=4), st.floats(2, 6))
+@given(
+    st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.5), min_size=4, max_size=4), st.floats(2, 6)
+)
 def test_parallel_rectangles_anywhere(starts, lengths, distance):
     x, y, other_x, other_y = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
     found = transport.parallel_rectangles(x, y, other_x, other_y, distance)

@@ -68,7 +68,9 @@ def test_every_solver_on_every_problem(solver, name):
     assert solution.ok
     assert solution.value.shape == solution.error.shape == exact.shape
     off = np.abs(np.asarray(solution.value) - exact)
-    assert np.max(off) < {"direct": 1e-12, "krylov": 1e-8, "progressive": 2e-6, "neumann": 1e-9}[solver] * np.max(exact) + digits
+    assert (
+        np.max(off) < {"direct": 1e-12, "krylov": 1e-8, "progressive": 2e-6, "neumann": 1e-9}[solver] * np.max(exact) + digits
+    )
     # Honest: within the error, which is not much larger than it need be.
     assert np.all(off <= np.asarray(solution.error) + digits)
     assert np.max(solution.error) < 1e-4 * np.max(exact)
