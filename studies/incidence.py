@@ -86,7 +86,7 @@ def plot(record: dict[str, Any]) -> Any:
             elsewhere = found["ratio"] > 1 + _EQUAL
             axes.set_title(name, fontsize=7.2, fontweight="bold" if elsewhere else "normal")
             values = ", ".join(f"{next(iter(curve['at'].values())):g}" for curve in curves)
-            words = f"{found['parameter']} = {values}" + (" (light to dark)" if len(curves) > 1 else "")
+            words = f"{found['parameter']} = {values}"
             if elsewhere:
                 words += f"\n×{plots.text_of(found['ratio'], 3)} at {found['angle_degrees']:.3g}°"
             axes.text(0.04, 0.975, words, transform=axes.transAxes, fontsize=6.2, color="#222222", va="top", linespacing=1.15)

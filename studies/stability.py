@@ -20,7 +20,7 @@ SETTINGS = {
     "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 24, "half-vector": 24,
 }  # fmt: skip
 NAMES = ("holds", "loses digits", "lies", "breaks")
-COLORS = ("#DDEBDD", "#F5C86E", "#882255", "#222222")
+DERIVATIVES = ("production", "lobe-monte-carlo 4096", "gauss-product 32")
 SMALL = ("phong", "kb", "ggx")
 
 
@@ -57,49 +57,29 @@ def run(size: str = "full") -> dict[str, Any]:
                         "worst_error": float(np.max(error, where=np.isfinite(error), initial=0)),
                     }
                 )
+    derivatives = []
+    for method in DERIVATIVES if size == "full" else DERIVATIVES[:1]:
+        for name in ("phong", "kb_half", "cook-torrance", "ggx") if size == "full" else SMALL[:1]:
+            axes = references[name].parameters, references[name].cosines
+            for by, found in (
+                ("n or m", stability.gradient_in_parameter(name, *axes, methods[method])),
+                ("theta", stability.gradient_in_angle(name, axes[0], np.arccos(axes[1]), methods[method])),
+            ):
+                counts = np.bincount(stability.gradient_outcomes(found).ravel(), minlength=4)
+                derivatives.append([f"`{method}`", name, by, *map(str, counts[[0, 1, 3]].tolist())])
     verdicts = stability.false_verdicts(2000 if size == "full" else 40)
-    return {"settings": {"lobes": names}, "results": results, "summary": {"false_verdicts": verdicts}}
+    return {
+        "settings": {"lobes": names},
+        "results": results,
+        "summary": {"false_verdicts": verdicts, "derivatives": derivatives},
+    }
 
 
 def plot(record: dict[str, Any]) -> Any:
     """A map for each method: lobes and exponents down, angles across, float64 left and float32 right."""
-    from brdfcheck import plots
+    from brdfcheck.plots.outcomes import outcome_map
 
-    methods = list(dict.fromkeys(result["method"] for result in record["results"]))
-    lobes = record["settings"]["lobes"]
-    rows = {lobe: max(len(result["outcomes"]) for result in record["results"] if result["lobe"] == lobe) for lobe in lobes}
-    height = sum(rows.values())
-    figure = plots.empty(1.35 * len(methods) + 2.2, 0.052 * height + 1.6)
-    with plots.house_style():
-        from matplotlib.colors import ListedColormap
-        from matplotlib.patches import Patch
-
-        grid = figure.subplots(1, len(methods), sharey=True, squeeze=False)[0]
-        for axes, method in zip(grid, methods, strict=True):
-            picture = [[float("nan")] * 16 for _ in range(height)]
-            for result in record["results"]:
-                if result["method"] == method:
-                    top = sum(rows[lobe] for lobe in lobes[: lobes.index(result["lobe"])])
-                    shift = 0 if result["dtype"] == "float64" else 8
-                    for line, cells in enumerate(result["outcomes"]):
-                        for column, cell in enumerate(cells):
-                            picture[top + line][shift + column] = float(cell)
-            axes.imshow(picture, aspect="auto", cmap=ListedColormap(COLORS), vmin=-0.5, vmax=3.5, interpolation="nearest")
-            axes.axvline(7.5, color="black", linewidth=0.8)
-            place = 0
-            for lobe in lobes:
-                place += rows[lobe]
-                axes.axhline(place - 0.5, color="white", linewidth=0.8)
-            axes.set_title(method.replace(" ", "\n").replace("-", "-\n", 1) if "-" in method else f"{method}\n", fontsize=8)
-            axes.set_xticks([0, 2, 7, 8, 10, 15], ["0", "45", "90°", "0", "45", "90°"], fontsize=6)
-            axes.set_xlabel("f64     f32", fontsize=8)
-        middles = [sum(rows[other] for other in lobes[:index]) + rows[lobe] / 2 - 0.5 for index, lobe in enumerate(lobes)]
-        grid[0].set_yticks(middles, lobes, fontsize=7.5)
-        grid[0].set_ylabel("within each lobe: n from 0.01 (top) to 10⁷, or m from 0.001 to 2", fontsize=9)
-        handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for color, name in zip(COLORS, NAMES, strict=True)]
-        figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
-        figure.tight_layout(rect=(0, 0.6 / (0.052 * height + 1.6), 1, 1))
-    return figure
+    return outcome_map(record["results"], record["settings"]["lobes"])
 
 
 def summary(record: dict[str, Any]) -> str:
@@ -116,11 +96,15 @@ def summary(record: dict[str, Any]) -> str:
     counts = table(("method", "precision", "cells", *NAMES), rows)
     failures = table(("what fails", "cause", "remedy"), KNOWN_FAILURES)
     false = record["summary"]["false_verdicts"]
+    derivatives = table(
+        ("method", "lobe", "derivative in", "holds", "off by more than 1e-3", "breaks"), record["summary"]["derivatives"]
+    )
     return (
         "Cells of the matrix by outcome (holds: relative error at most 1e-8 in float64, 1e-4 in float32; lies: wrong by more"
         f" than the rule's own claim; breaks: not finite, or wrong by half):\n\n{counts}\n\nFalse verdicts of `check` over"
         f" {false['factors']} random factors within 1e-6 of the exact one: {false['false']} ({false['undecided']} undecided)."
-        f"\n\nKnown failures:\n\n{failures}"
+        "\n\nDerivatives by differentiation, in float64, beside differences of the production rule (at 90 degrees backwards):"
+        f"\n\n{derivatives}\n\nKnown failures:\n\n{failures}"
     )
 
 
