@@ -147,7 +147,7 @@ def test_both_samplings_give_the_same_light(brdf):
     spread = np.hypot(np.asarray(lobe.error), np.asarray(cosine.error))
     assert np.max(np.abs(np.asarray(lobe.value - cosine.value)) / spread) < 4.5
     # Energy: what all bounces together leave is the sum over the powers of the angular operator.
-    operator = transport.angular_operator(brdf)
+    operator = transport.angular_operator(brdf, nodes=96, azimuths=192)
     bounces = np.arange(400)
     evenly = np.asarray(operator.energy(bounces) @ (2 * operator.cos_theta * operator.weight))
     reflected = np.mean(light) * np.sum((0.8**bounces * evenly)[1:])
@@ -171,13 +171,13 @@ def test_a_sharp_lobe_is_sampled_where_it_is():
 @pytest.mark.parametrize("beam", [False, True])
 def test_energy_after_bounces_is_that_of_the_angular_operator(beam):
     operator = transport.angular_operator(PUBLISHED)
-    powers = np.asarray(operator.energy(np.arange(11)))
+    powers = np.asarray(operator.energy(np.arange(17)))
     exact = powers[:, -1] if beam else powers @ np.asarray(2 * operator.cos_theta * operator.weight)
-    found = transport.energy_after_bounces(transport.sphere(2), PUBLISHED, 10, key=KEY, paths=2**16, beam=beam)
+    found = transport.energy_after_bounces(transport.sphere(4, 2), PUBLISHED, 16, key=KEY, paths=2**16, beam=beam)
     z = (np.asarray(found.mean) - exact)[1:] / np.asarray(found.error)[1:]
     assert found.mean[0] == exact[0] == 1
     assert np.max(np.abs(z)) < 4.5
-    assert np.all(found.error[1:] < 0.02 * found.mean[1:])
+    assert np.all(found.error[1:] < 0.03 * found.mean[1:])
     if beam:  # the excess at normal incidence, in the first bounce
         assert exact[1] == pytest.approx(1.0752, abs=1e-4)
         assert exact[2] < 1
@@ -238,6 +238,7 @@ def test_otherwise_loss_free_walls(remainder):
     assert np.asarray(valid.energy([10_000])) == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_completed_brdf_is_one():
     wall = transport.completed(PUBLISHED)
     operator = transport.angular_operator(wall)
@@ -250,7 +251,7 @@ def test_a_completed_brdf_is_one():
     wi, wo = (part / np.linalg.norm(part, axis=-1, keepdims=True) for part in (wi, wo))
     wi, wo = (jnp.asarray(part * [1, 1, np.sign(part[0, 2]) or 1]) for part in (wi, wo))
     assert np.asarray(wall(wi, wo)) == pytest.approx(np.asarray(wall(wo, wi)), rel=1e-12)
-    found = transport.energy_after_bounces(transport.sphere(2), wall, 20, key=KEY, paths=2**16)
+    found = transport.energy_after_bounces(transport.sphere(4, 2), wall, 20, key=KEY, paths=2**16)
     exact = np.asarray(operator.energy(np.arange(21)) @ (2 * operator.cos_theta * operator.weight))
     assert exact[-1] > 1.07
     assert np.max(np.abs((np.asarray(found.mean) - exact)[1:] / np.asarray(found.error)[1:])) < 4.5

@@ -22,33 +22,33 @@ RHO = (0.5, 0.9, 0.99)
 
 def spotted_sphere(reflectances=None):
     """The integrating sphere with a spot of light; the closed form is rank one, whatever the reflectances."""
-    room = transport.sphere(6, 3)
-    emission = np.zeros(18)
+    room = transport.sphere(6, 4)
+    emission = np.zeros(24)
     emission[0], emission[7] = 1.0, 0.3
-    rho = np.full(18, 0.9) if reflectances is None else reflectances
+    rho = np.full(24, 0.9) if reflectances is None else reflectances
     evenly = np.mean(emission) / (1 - np.mean(rho))
     return room, emission, rho, emission + rho * evenly
 
 
 def problems():
-    """name -> (enclosure, emission, reflectance, radiosity)."""
+    """name -> (enclosure, emission, reflectance, radiosity). Of 24 patches, so that one program serves all."""
     found = {}
     for rho in RHO:
         room, emission, _, _ = spotted_sphere()
         found[f"integrating sphere {rho}"] = (room, emission, rho, emission + rho * np.mean(emission) / (1 - rho))
         for name, shell in (
-            ("box", transport.box((1.0, 2.0, 0.5), (2, 3, 2))),
-            ("cylinder", transport.cylinder(1.0, 0.3, rings=2, bands=3)),
+            ("box", transport.box((1.0, 2.0, 0.5), 2)),
+            ("cylinder", transport.cylinder(1.0, 0.3, rings=5, bands=14)),
         ):
             found[f"furnace in a {name} {rho}"] = (shell, 0.2, rho, np.full(shell.patches, 0.2 / (1 - rho)))
     # Patches that reflect nothing, and some above 1, as long as the whole stays below.
-    mixed = np.tile([0.0, 1.2, 0.8, 1.0, 0.3, 0.9], 3)
+    mixed = np.tile([0.0, 1.2, 0.8, 1.0, 0.3, 0.9], 4)
     found["sphere of many reflectances"] = spotted_sphere(mixed)
     cube = transport.box()
     facts = np.array([0.40938030] * 4 + [1.28654972, 0.40926241])
     found["cube of the facts"] = (cube, cube.on_wall(4, 1.0), 0.7, facts)
     # Any radiosity is the answer to some emission.
-    room = transport.box((1.0, 1.0, 0.5), (4, 4, 2))
+    room = transport.box((1.0, 1.0, 0.5), 2)
     generator = np.random.default_rng(5)
     wanted, rho = 1 + generator.random(room.patches), 0.4 + 0.2 * generator.random(room.patches)
     found["manufactured"] = (room, wanted - rho * (np.asarray(room.form_factors) @ wanted), rho, wanted)
@@ -80,7 +80,7 @@ def test_every_solver_on_every_problem(solver, name):
 
 
 def test_furnace_next_to_one():
-    room = transport.cylinder(1.0, 2.0, rings=2, bands=4)
+    room = transport.cylinder(1.0, 2.0, rings=5, bands=14)
     solution = transport.direct(room, 1e-6, 1 - 1e-6)
     assert np.max(np.abs(solution.value - 1)) < np.max(solution.error) < 1e-4
     assert solution.ok
@@ -198,7 +198,7 @@ def test_too_few_terms_say_so():
     assert solution.status is Status.NOT_REACHED
     assert "solve directly" in solution.message
     for solver in (transport.krylov, transport.progressive):
-        box = transport.box((1.0, 2.0, 0.5), (2, 3, 2))
+        box = transport.box((1.0, 2.0, 0.5), 2)
         assert solver(box, box.on_wall(0, 1.0), 0.9, max_steps=2).status is Status.NOT_REACHED
 
 
@@ -206,8 +206,8 @@ def test_too_few_terms_say_so():
 
 
 def test_float32_stays_float32():
-    room = transport.box(cells=3, dtype=jnp.float32)
-    exact = transport.direct(transport.box(cells=3), transport.box(cells=3).on_wall(4, 1.0), 0.7).value
+    room = transport.box(cells=2, dtype=jnp.float32)
+    exact = transport.direct(transport.box(cells=2), transport.box(cells=2).on_wall(4, 1.0), 0.7).value
     for name, solver in SOLVERS.items():
         solution = solver(room, room.on_wall(4, 1.0), 0.7, **({} if name == "direct" else {"tolerance": 1e-5}))
         kinds = {leaf.dtype for leaf in jax.tree.leaves(solution) if jnp.issubdtype(leaf.dtype, jnp.floating)}
@@ -222,7 +222,7 @@ def test_no_number_recompiles():
     programs = [radiosity.solve_directly, radiosity._krylov, radiosity._progressive]
     before = None
     for i, rho in enumerate((0.3, 0.5, 1.2)):
-        room = transport.box((1.0, 1.0 + i, 0.7), (3, 1, 2))
+        room = transport.box((1.0, 1.0 + i, 0.7), 2)
         transport.direct(room, room.on_wall(0, 1.0 + i), rho)
         transport.krylov(room, room.on_wall(0, 1.0 + i), rho, tolerance=10.0 ** (-4 - i), max_steps=50 + i)
         transport.progressive(room, room.on_wall(0, 1.0 + i), rho, tolerance=10.0 ** (-4 - i), max_steps=50 + i)

@@ -193,11 +193,11 @@ def energy_after_bounces(
     _checked(enclosure, key, sampling)
     each = -(-checked_steps(paths, "paths") // (_GROUPS * _LANES)) * _LANES
     wall = _of_type(brdf, enclosure.areas.dtype)
-    return _energy(enclosure, wall, key, checked_steps(bounces, "bounces"), each, sampling, bool(beam))
+    return _energy(enclosure, wall, key, checked_steps(bounces, "bounces"), each, sampling, jnp.asarray(bool(beam)))
 
 
 @eqx.filter_jit
-def _energy(enclosure: Any, brdf: Any, key: Any, bounces: int, each: int, sampling: str, beam: bool) -> Energy:
+def _energy(enclosure: Any, brdf: Any, key: Any, bounces: int, each: int, sampling: str, beam: Array) -> Energy:
     dtype = enclosure.areas.dtype
     ladder = jnp.cumsum(enclosure.areas) / jnp.sum(enclosure.areas)
 
@@ -205,7 +205,7 @@ def _energy(enclosure: Any, brdf: Any, key: Any, bounces: int, each: int, sampli
         draws = jax.random.uniform(jax.random.fold_in(key, 0), (each, 5), dtype)
         patch = jnp.minimum(jnp.searchsorted(ladder, draws[:, 0], side="right"), ladder.size - 1)
         point, normal = enclosure.point(patch, draws[:, 1:3])
-        direction = normal if beam else _to_world(normal, _cosine(draws[:, 3:]))
+        direction = jnp.where(beam, normal, _to_world(normal, _cosine(draws[:, 3:])))
 
         def bounce(state: Any, step: Array) -> tuple[Any, Array]:
             point, direction, energy = state

@@ -54,6 +54,7 @@ def point_to_polygon(
     return _factor(jnp.broadcast_to(points, shape), jnp.broadcast_to(normals, shape), polygon)
 
 
+@jax.jit
 def _factor(points: Array, normals: Array, polygon: Array) -> Array:
     # The vertices are the first axis.
     lead = (slice(None),) + (None,) * (points.ndim - 1)
