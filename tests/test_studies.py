@@ -37,6 +37,7 @@ def test_a_study_is_a_short_file_with_question_command_and_answer(name):
     assert study.question.endswith("?")
     assert len(study.answer) > 20
     assert re.search(r"\d", study.answer)  # measured
+    assert "ANSWER" not in text  # a place kept free for what was to be measured
     assert f"brdfcheck study {name}" in ast.get_docstring(ast.parse(text))
     assert 60 <= len(text.splitlines()) <= 140
     assert text.startswith("#!")
