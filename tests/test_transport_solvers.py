@@ -192,6 +192,15 @@ def test_truncation_is_bounded(terms):
     assert np.max(10 - constant.value) == pytest.approx(transport.truncation_bound(0.9, terms), rel=1e-9)
 
 
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-5])
+def test_the_series_stops_when_the_rest_is_small_not_the_term(tolerance):
+    room, emission, _, _ = spotted_sphere()
+    exact = emission + 0.99 * np.mean(emission) / 0.01
+    solution = transport.neumann_series(room, emission, 0.99, tolerance=tolerance)
+    off = np.max(np.abs(solution.value - exact)) / np.max(exact)
+    assert tolerance / 3 < off < 1.02 * tolerance
+
+
 def test_too_few_terms_say_so():
     room, emission, rho, _ = spotted_sphere()
     solution = transport.neumann_series(room, emission, rho, max_terms=5)
