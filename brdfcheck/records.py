@@ -120,7 +120,7 @@ def from_json_object(record: Mapping[str, Any]) -> Report:
 def versions() -> dict[str, str]:
     """The versions that a result may depend on."""
     found = {"brdfcheck": brdfcheck.__version__, "python": platform.python_version()}
-    for package in ("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix"):
+    for package in ("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix", "lineax"):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
