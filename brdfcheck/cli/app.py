@@ -55,6 +55,7 @@ Examples:
   brdfcheck fit blinn-phong              the factor that normalises a lobe
   brdfcheck sweep config.toml --out S    albedos over a grid, into a Zarr store
   brdfcheck plot albedo-vs-n phong       a figure for a paper
+  brdfcheck render furnace -o FILE.png   a picture: presets, or a scene of your own
   brdfcheck study all                    questions answered with figures, into reports/
   brdfcheck list                         names, formulas and sources
 

@@ -1,0 +1,252 @@
+"""Scenes in TOML: one object with its material, under lights, before a camera.
+
+    size = [512, 512]                # height and width; one number is a square
+    background = 0.1                 # a number or RGB, linear; optional, like all below but material and lights
+    allow_unvalidated = false        # true: also BRDFs that do not conserve energy
+
+    [geometry]                       # sphere (center, radius), or a mesh: icosphere (level),
+    kind = "icosphere"               # latitude-longitude (rows, columns), zigzag, corrugated
+    level = 3
+    shading = "phong"                # of meshes: flat, gouraud, phong; weighting, interpolation
+
+    [camera]
+    kind = "perspective"             # or orthographic (half_height)
+    eye = [0, 1, 5]
+    field_of_view = 25
+
+    [material]                       # surface (terms), highlight, translucent, metal
+    kind = "surface"
+    terms = [{ brdf = "lambert", tint = [0.6, 0.2, 0.1] }, { brdf = "blinn-phong", tint = 0.2, n = 50 }]
+
+    [[lights]]                       # ambient, environment, distant, point, spot, polygon
+    kind = "point"
+    position = [2, 2, 3]
+    intensity = 30
+    quadratic_attenuation = 1
+
+The keys are the parameters of the classes in `brdfcheck.scene`. A colour may be a spectrum: { wavelengths = [400, 700],
+reflectance = [0.2, 0.8] } in nm. What is wrong is a `UsageError` in one line that names the key and what is allowed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from brdfcheck.messages import UsageError, one_line
+from brdfcheck.scene import lights, materials, meshes
+from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Perspective, Size, checked_size
+from brdfcheck.scene.colour import rgb_of_spectrum
+from brdfcheck.scene.interpolation import INTERPOLATIONS
+from brdfcheck.scene.smooth import SHADINGS, render_mesh
+from brdfcheck.scene.sphere import sphere_image
+from brdfcheck.scene.values import color_of
+
+_KEYS = ("size", "background", "allow_unvalidated", "geometry", "camera", "material", "lights")
+_LIGHTS: dict[str, Callable[..., Any]] = {
+    "ambient": lights.Ambient,
+    "environment": lights.Environment,
+    "distant": lights.Distant,
+    "point": lights.Point,
+    "spot": lights.Spot,
+    "polygon": lights.Polygon,
+}
+_CAMERAS: dict[str, Callable[..., Any]] = {"orthographic": Orthographic, "perspective": Perspective}
+_MATERIALS: dict[str, Callable[..., Any]] = {
+    "surface": materials.Surface,
+    "highlight": materials.Highlight,
+    "translucent": materials.Translucent,
+    "metal": materials.Metal,
+}
+_MESHES: dict[str, Callable[..., meshes.Mesh]] = {
+    "icosphere": meshes.icosphere,
+    "latitude-longitude": meshes.latitude_longitude_sphere,
+    "zigzag": meshes.zigzag,
+    "corrugated": meshes.corrugated,
+}
+_MESH_OPTIONS: dict[str, Sequence[str]] = {
+    "shading": tuple(SHADINGS),
+    "weighting": ("unit", "area"),
+    "interpolation": tuple(INTERPOLATIONS),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One object before a camera. `mesh` None: the exact sphere; `options`: for `render_mesh` or `sphere_image`."""
+
+    material: Any
+    lights: tuple[lights.AbstractLight, ...]
+    camera: AbstractCamera
+    size: Size = (512, 512)
+    background: Any = 0.0
+    mesh: meshes.Mesh | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def render(self, size: Size | None = None) -> Float[np.ndarray, "3 height width"]:
+        """The linear image in float32, at `size` or the scene's own. ValueError for lights or places that do not fit."""
+        size = self.size if size is None else checked_size(size)
+        if self.mesh is None:
+            image = sphere_image(self.material, self.lights, self.camera, size=size, background=self.background, **self.options)
+        else:
+            image = render_mesh(
+                self.mesh, self.camera, self.material, self.lights, size=size, background=self.background, **self.options
+            )
+        return np.asarray(image)
+
+
+def read_scene(path: str | Path) -> Scene:
+    """The scene in a TOML file. UsageError where there is none, or where something in it is wrong."""
+    label = one_line(path)
+    try:
+        document = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise UsageError(f"there is no file {label!r}") from None
+    except OSError as error:
+        raise UsageError(f"cannot read {label!r}: {error.strerror or one_line(error)}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"{label} is not a text file in UTF-8") from None
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{label} is not TOML: {one_line(error)}") from None
+    return parse_scene(document, label)
+
+
+def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
+    """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
+    _refuse_unknown(document, _KEYS, label)
+    for key in ("material", "lights"):
+        if key not in document:
+            raise UsageError(f"{label}: {key} is missing; a scene needs a [material] and [[lights]]")
+    listed = document["lights"]
+    if not isinstance(listed, list):
+        raise UsageError(f"{label}: lights must be a list of tables, each below [[lights]]; got {_shown(listed)}")
+    allow = document.get("allow_unvalidated", False)
+    if not isinstance(allow, bool):
+        raise UsageError(f"{label}: allow_unvalidated must be true or false; got {_shown(allow)}")
+    size = document.get("size", 512)
+    size = (size, size) if isinstance(size, int) else size
+    if not isinstance(size, list | tuple):
+        raise UsageError(f"{label}: size must be a number of pixels or [height, width]; got {_shown(size)}")
+    geometry = _table(document, "geometry", label, {"kind": "sphere"})
+    mesh, options = _geometry(geometry, f"{label}: geometry")
+    return Scene(
+        material=_material(_table(document, "material", label), allow, f"{label}: material"),
+        lights=tuple(_made(one, _LIGHTS, f"{label}: lights[{i}]") for i, one in enumerate(listed)),
+        camera=_made(_table(document, "camera", label, {"kind": "orthographic"}), _CAMERAS, f"{label}: camera"),
+        size=_try(f"{label}: size", checked_size, tuple(size)),
+        background=_try(label, lambda: np.asarray(color_of(_color(document.get("background", 0.0)), "background"))),
+        mesh=mesh,
+        options=options,
+    )
+
+
+def _geometry(table: Mapping[str, Any], place: str) -> tuple[meshes.Mesh | None, dict[str, Any]]:
+    kind = _kind(table, ("sphere", *_MESHES), place)
+    given = {key: value for key, value in table.items() if key != "kind"}
+    if kind == "sphere":
+        _refuse_unknown(given, ("center", "radius"), f"{place} (sphere)")
+        return None, given
+    options = {key: given.pop(key) for key in _MESH_OPTIONS if key in given}
+    for key, value in options.items():
+        if value not in _MESH_OPTIONS[key]:
+            raise UsageError(f"{place}.{key} must be one of {', '.join(_MESH_OPTIONS[key])}; got {_shown(value)}")
+    parameters = [name for name in inspect.signature(_MESHES[kind]).parameters if name != "dtype"]
+    _refuse_unknown(given, (*parameters, *_MESH_OPTIONS), f"{place} ({kind})")
+    # Sheets have two sides.
+    options |= {"cull": False} if kind in ("zigzag", "corrugated") else {}
+    return _try(place, lambda: _MESHES[kind](**given, dtype=jnp.float32)), options
+
+
+def _material(table: Mapping[str, Any], allow_unvalidated: bool, place: str) -> Any:
+    if _kind(table, tuple(_MATERIALS), place) != "surface":
+        return _made(table, _MATERIALS, place)
+    _refuse_unknown(table, ("kind", "terms"), f"{place} (surface)")
+    listed = table.get("terms")
+    if not isinstance(listed, list) or not listed or not all(isinstance(term, dict) for term in listed):
+        raise UsageError(
+            f'{place}.terms must be a list of tables, as in [{{ brdf = "phong", tint = 0.5, n = 50 }}]; got {_shown(listed)}'
+        )
+    terms = []
+    for number, one in enumerate(listed):
+        where = f"{place}.terms[{number}]"
+        if not isinstance(one.get("brdf"), str):
+            raise UsageError(f"{where}.brdf must be a catalogue name (brdfcheck list); got {_shown(one.get('brdf'))}")
+        terms.append(_try(where, lambda one=one: materials.Term(**_colors(one))))
+    return _try(place, lambda: materials.Surface(*terms, allow_unvalidated=allow_unvalidated))
+
+
+def _made(table: Any, kinds: Mapping[str, Callable[..., Any]], place: str) -> Any:
+    """What a table's kind makes of its other keys."""
+    kind = _kind(table, tuple(kinds), place)
+    parameters = inspect.signature(kinds[kind]).parameters
+    given = {key: value for key, value in table.items() if key != "kind"}
+    _refuse_unknown(given, tuple(parameters), f"{place} ({kind})")
+    for name, parameter in parameters.items():
+        if parameter.default is parameter.empty and name not in given:
+            raise UsageError(f"{place} ({kind}): {name} is missing; its keys: {', '.join(parameters)}")
+    for name, parameter in parameters.items():
+        if isinstance(parameter.default, bool) and not isinstance(given.get(name, False), bool):
+            raise UsageError(f"{place}.{name} must be true or false; got {_shown(given[name])}")
+    return _try(place, lambda: kinds[kind](**_colors(given)))
+
+
+def _colors(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _color(value) for key, value in table.items()}
+
+
+def _color(value: Any) -> Any:
+    """A colour's numbers from its spectrum; anything else as it is."""
+    if isinstance(value, Mapping) and "wavelengths" in value:
+        _refuse_unknown(value, ("wavelengths", "reflectance", "illuminant", "observer"), "spectrum")
+        return rgb_of_spectrum(**{"reflectance": (), **value})
+    return value
+
+
+def _try(place: str, make: Callable[..., Any], *arguments: Any) -> Any:
+    """``make(*arguments)``; what it refuses names the place."""
+    try:
+        return make(*arguments)
+    except UsageError as error:
+        raise UsageError(f"{place}: {error}") from None
+    except KeyError as error:
+        raise UsageError(f"{place}: {one_line(error.args[0])}") from None
+    except (ValueError, TypeError, ImportError, OverflowError) as error:
+        raise UsageError(f"{place}: {one_line(error)}") from None
+
+
+def _table(document: Mapping[str, Any], key: str, label: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
+    table = document.get(key, default)
+    if not isinstance(table, Mapping):
+        raise UsageError(f"{label}: {key} must be a table, below [{key}]; got {_shown(table)}")
+    return table
+
+
+def _kind(table: Any, kinds: Sequence[str], place: str) -> str:
+    if not isinstance(table, Mapping):
+        raise UsageError(f"{place} must be a table with a kind; got {_shown(table)}")
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        raise UsageError(f"{place}.kind must be one of {', '.join(kinds)}; got {_shown(kind)}")
+    return kind
+
+
+def _refuse_unknown(table: Mapping[str, Any], allowed: Sequence[str], place: str) -> None:
+    for key in table:
+        if key not in allowed:
+            near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
+            hint = f"did you mean {near[0]}? allowed:" if near else "allowed:"
+            raise UsageError(f"{place}: unknown key {_shown(key)}; {hint} {', '.join(allowed)}")
+
+
+def _shown(value: Any) -> str:
+    text = one_line(repr(value))
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,484 @@
+"""Pictures by name: the seed's figures, the white furnace, lobes, lights, and what smooth shading loses.
+
+A preset is a caption, a side in pixels and a function of a `Canvas`, which renders at that side with several samples to a
+pixel. Sheets of several pictures have that side for each. Lights of sheets of one kind are the same; what is exposed
+differently says so.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from brdfcheck import catalog
+from brdfcheck.scene import failures, meshes
+from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
+from brdfcheck.scene.drawing import color_scale, curve, false_color, stacked
+from brdfcheck.scene.furnace import excess
+from brdfcheck.scene.images import contact_sheet
+from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
+from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.smooth import render_mesh
+from brdfcheck.scene.sphere import sphere_image
+from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
+
+Image = Float[np.ndarray, "3 height width"]
+
+QUALITIES: Mapping[str, int] = MappingProxyType({"draft": 1, "normal": 2, "high": 4})
+"""Samples along each side of a pixel."""
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """Renders squares of `side` pixels, each the mean of samples x samples."""
+
+    side: int
+    samples: int = 2
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The size at which is rendered."""
+        return self.side * self.samples, self.side * self.samples
+
+    def mean(self, image: Any) -> Image:
+        """The mean of the samples of each pixel, in linear light."""
+        return averaged(image, self.samples)
+
+    def sphere(self, material: Any, lights: Any, camera: Any = None, **options: Any) -> Image:
+        return self.mean(sphere_image(material, lights, camera, size=self.size, **options))
+
+    def mesh(self, mesh: Any, camera: Any, material: Any, lights: Any, **options: Any) -> Image:
+        return self.mean(render_mesh(mesh, camera, material, lights, size=self.size, **options))
+
+    def checks(self, squares: int = 8, low: float = 0.15, high: float = 0.75) -> np.ndarray:
+        """A chequered background at the size at which is rendered."""
+        square = np.arange(self.size[0]) * squares // self.size[0]
+        board = np.where((square[:, None] + square) % 2, high, low).astype(np.float32)
+        return np.broadcast_to(board, (3, *board.shape))
+
+
+def averaged(image: Any, samples: int) -> Image:
+    """The mean of squares of samples x samples pixels."""
+    array = np.asarray(image, np.float32)
+    _, height, width = array.shape
+    return array.reshape(3, height // samples, samples, width // samples, samples).mean(axis=(2, 4))
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A picture: what it shows, the side of each of its squares in pixels, and how it is made."""
+
+    caption: str
+    side: int
+    make: Callable[[Canvas], Any]
+
+
+def named(name: str) -> Preset:
+    """The preset of that name. KeyError, naming the nearest ones, where there is none."""
+    if name in PRESETS:
+        return PRESETS[name]
+    near = difflib.get_close_matches(name, PRESETS, n=2, cutoff=0.4)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"the presets are {', '.join(PRESETS)}"
+    raise KeyError(f"unknown preset {name!r}; {hint}")
+
+
+def render_preset(name: str, size: int | None = None, quality: str = "normal") -> Image:
+    """The preset's picture, linear RGB as float32, `size` pixels the side of each square in it (None: its own).
+
+    KeyError for an unknown name, ValueError for a size that is none or a quality that is not one of `QUALITIES`.
+    """
+    preset = named(name)
+    if quality not in QUALITIES:
+        raise ValueError(f"quality must be one of {', '.join(QUALITIES)}; got {quality!r}")
+    side = preset.side if size is None else size
+    checked_size((side, side))
+    return np.asarray(preset.make(Canvas(side, QUALITIES[quality])), np.float32)
+
+
+# --- the seed's figures: Yokoi, Ito, Tsuruoka, Miyake ---
+
+_BLUE, _RED, _GOLD = (0.1, 0.3, 0.8), (0.8, 0.12, 0.1), (1.0, 0.72, 0.25)
+_UPPER_RIGHT, _LEFT, _BELOW = (1.0, 1.0, 1.0), (-1.0, 0.1, 0.2), (-0.1, -1.0, 0.2)
+_GREY = 0.1
+
+
+def _row(values: Sequence[float], name: str, material: Callable[[float], Any]) -> Callable[[Canvas], Image]:
+    """One sphere for each value of a parameter."""
+
+    def make(canvas: Canvas) -> Image:
+        light = [Distant(_UPPER_RIGHT)]
+        row = [canvas.sphere(material(value), light, background=_GREY) for value in values]
+        return contact_sheet([row], columns=[f"{name} = {value:g}" for value in values])
+
+    return make
+
+
+def _translucent(rows: Sequence[float], columns: Sequence[float], build: Callable[..., Any], names: tuple[str, str]) -> Any:
+    def make(canvas: Canvas) -> Image:
+        behind, light = canvas.checks(), [Distant(_UPPER_RIGHT)]
+        sheet = [[canvas.sphere(build(r, c, behind), light, background=behind) for c in columns] for r in rows]
+        return contact_sheet(
+            sheet,
+            columns=[f"{names[1]} = {c:g}" for c in columns],
+            labels=[f"{names[0]} = {r:g}" for r in rows],
+        )
+
+    return make
+
+
+def figure_9_spheres() -> tuple[Sphere, ...]:
+    """The opaque and translucent spheres of the seed's figure 9: w = 1, n = 10, t_h = .8, t_p = 1."""
+    look = {"w": 1.0, "n": 10.0}
+    return (
+        Sphere((-0.35, 0.3, -1.0), 0.6, Highlight(_RED, **look)),
+        Sphere((0.5, 0.35, -2.2), 0.45, Highlight(_GOLD, **look)),
+        Sphere((0.1, -0.2, 0.6), 0.6, Translucent((0.3, 0.6, 0.9), t_h=0.8, t_p=1.0, **look)),
+        Sphere((-0.5, -0.5, 1.6), 0.35, Translucent((0.4, 0.9, 0.5), t_h=0.8, t_p=1.0, **look)),
+    )
+
+
+def _figure_9(canvas: Canvas) -> Image:
+    spheres, lights, camera = figure_9_spheres(), [Distant(_UPPER_RIGHT)], Orthographic()
+    scene = {"size": canvas.size, "background": 0.5}
+    painted = composed(spheres, lights, camera, **scene)
+    traced = trace(spheres, lights, camera, shadows=False, **scene)
+    shadowed = trace(spheres, lights, camera, shadows=True, **scene)
+    apart = float(np.abs(np.asarray(painted) - np.asarray(traced)).max())
+    columns = ("equation (8)", f"rays: differ by {apart:.0e}", "rays with shadows")
+    return contact_sheet([[canvas.mean(image) for image in (painted, traced, shadowed)]], columns=columns)
+
+
+_METALS: dict[str, tuple[Any, str, Sequence[tuple[Any, float]]]] = {
+    "10": ([(0.013, 0.2), (0.1, 0.4)], "facets", [(_UPPER_RIGHT, 1), (_LEFT, 1)]),
+    "11": (
+        [[(0.013, 0.2), (0.1, 0.4)], [(0.1, 0.4)], [(0.1, 0.4)]],
+        "facets",
+        [(_UPPER_RIGHT, 1), (_LEFT, 0.7), (_BELOW, 0.7)],
+    ),
+    "12": ([[(1, 13)], [(1, 8)], [(1, 8)]], "half", [(_UPPER_RIGHT, 1), (_LEFT, 0.4), (_BELOW, 0.4)]),
+    "13": ([[(0.2, 20), (0.8, 3)], [(1, 2)], [(1, 2)]], "mirror", [(_UPPER_RIGHT, 1), (_LEFT, 0.4), (_BELOW, 0.4)]),
+}
+
+
+def _metal(figure: str) -> Callable[[Canvas], Image]:
+    def make(canvas: Canvas) -> Image:
+        lobes, form, lights = _METALS[figure]
+        metal = Metal(_GOLD, lobes, d=0.05, form=form)  # pyright: ignore[reportArgumentType]
+        return canvas.sphere(metal, [Distant(direction, a) for direction, a in lights], background=_GREY)
+
+    return make
+
+
+# --- the white furnace ---
+
+_ENVIRONMENT = 0.4  # a sphere that returns 2.5 times the light is white
+_USUAL = {"n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0}
+# (published, its parameters where the excess is of interest, the validated one of the same lobe)
+PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
+    ("binomial-power-raw", {"n": 4}, "binomial-power-half"),
+    ("binomial-power-published", {"n": 17.85}, "binomial-power-half"),
+    ("binomial-power-unclamped", {"n": 60}, "binomial-power-half"),
+    ("blinn-phong-6", {"n": 20}, "blinn-phong"),
+    ("blinn-phong-8", {"n": 8.76}, "blinn-phong"),
+    ("blinn-phong-ndf", {"n": 100}, "blinn-phong"),
+    ("blinn-phong-linear", {"n": 20}, "blinn-phong"),
+    ("phong-pdf", {"n": 20}, "phong"),
+    ("phong-classical", {"n": 4}, "phong"),
+    ("schlick-phong-factor", {"n": 100}, "schlick-mirror"),
+    ("kuijk-blake-phong-factor", {"n": 9}, "kuijk-blake-mirror"),
+    ("cook-torrance-published", {"m": 0.4}, "cook-torrance"),
+    ("cook-torrance-no-masking", {"m": 0.4}, "cook-torrance"),
+)
+"""What was published beside the validated BRDF of the same lobe."""
+
+
+@functools.lru_cache(maxsize=128)
+def furnace_tile(name: str, parameters: tuple[tuple[str, float], ...], side: int) -> Image:
+    """The sphere of a catalogue BRDF in a uniform surrounding of radiance 0.4, before it, integrated in every pixel.
+
+    KeyError for an unknown name, ValueError for bad parameters or a side that is none.
+    """
+    # By the lobe, not by its name: lobes of one kind with other factors are then one compiled program.
+    term = Term(catalog.entry(name).family.build(**dict(parameters)))
+    surface = Surface(term, allow_unvalidated=True)
+    image = sphere_image(surface, [Environment(_ENVIRONMENT)], size=(side, side), background=_ENVIRONMENT)
+    return np.asarray(image)
+
+
+def furnace_excess(name: str, parameters: Mapping[str, float], side: int) -> Float[np.ndarray, "side side"]:
+    """How much more than its surroundings each pixel of `furnace_tile` shows, as a share."""
+    return excess(jnp.asarray(furnace_tile(name, tuple(parameters.items()), side)), np.float32(_ENVIRONMENT))
+
+
+def _false_tile(name: str, parameters: Mapping[str, float], side: int) -> Image:
+    """The excess in false colour, on a pale blue ground: what is not the sphere."""
+    across = (np.arange(side) + 0.5) / side * 2.1 - 1.05  # as the usual camera sees
+    outside = across[:, None] ** 2 + across**2 >= 1
+    colors = false_color(furnace_excess(name, parameters, side))
+    return np.where(outside, np.array([0.55, 0.68, 0.85])[:, None, None], colors)
+
+
+def _numbers(parameters: Mapping[str, float]) -> str:
+    return ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
+
+
+_SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
+
+
+def _furnace(canvas: Canvas) -> Image:
+    rows, labels = [], []
+    for name, parameters, validated in PAIRS:
+        row = []
+        for brdf in (validated, name):
+            row += [furnace_tile(brdf, tuple(parameters.items()), canvas.side), _false_tile(brdf, parameters, canvas.side)]
+        rows.append(row)
+        most = float(furnace_excess(name, parameters, canvas.side).max())
+        labels.append(f"{name}, {_numbers(parameters)}: {f'+{most:.2%}' if most > 1e-5 else 'no excess'}")
+    sheet = contact_sheet(rows, columns=("validated", "excess", "published", "excess"), labels=labels)
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
+
+
+def _furnace_validated(canvas: Canvas) -> Image:
+    tiles, labels = [], []
+    for entry in catalog.entries():
+        if entry.validated:
+            values = {name: _USUAL[name] for name in entry.family.ranges}
+            tile = furnace_tile(entry.name, tuple(values.items()), canvas.side)
+            tiles.append([tile, _false_tile(entry.name, values, canvas.side)])
+            labels.append(f"{entry.name}, {_numbers(values)}")
+    half = len(tiles) // 2
+    columns = ("furnace", "excess")
+    sheets = [contact_sheet(tiles[part], columns=columns, labels=labels[part]) for part in (slice(half), slice(half, 2 * half))]
+    sheet = np.concatenate(sheets, axis=2)
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
+
+
+# --- lobes and lights ---
+
+_LOBES = ("phong", "schlick-mirror", "kuijk-blake-mirror", "blinn-phong", "lyon-2-half", "binomial-power-half")
+
+
+def _lobes(canvas: Canvas) -> Image:
+    rows, exponents = [], (10.0, 100.0, 1000.0)
+    for n in exponents:
+        light = [Distant(_UPPER_RIGHT, 2 * np.pi / (n + 2))]
+        rows.append([canvas.sphere(Surface(Term(name, n=n)), light, background=0.02) for name in _LOBES])
+    return contact_sheet(rows, columns=_LOBES, labels=[f"n = {n:g}" for n in exponents])
+
+
+def _matt_and_glossy(tint: Any = (0.55, 0.2, 0.1), gloss: float = 0.12, n: float = 60.0) -> Surface:
+    return Surface(Term("lambert", tint), Term("blinn-phong", gloss, n=n))
+
+
+_SQUARE = ((1.4, -1.0, -1.0), (1.4, 1.0, -1.0), (1.4, 1.0, 1.0), (1.4, -1.0, 1.0))
+
+
+def _lights(canvas: Canvas) -> Image:
+    surface, matt = _matt_and_glossy(), Surface(Term("lambert", (0.55, 0.2, 0.1)))
+    ambient = Ambient(0.3)
+    distant = Distant(_UPPER_RIGHT, 0.8 * np.pi)
+    point = Point((0.9, 0.9, 1.2), 1.5, constant_attenuation=0, quadratic_attenuation=1)
+    spot = Spot((1.0, 1.0, 2.0), (-1.0, -1.0, -1.6), 0.9 * np.pi, spot_cutoff=14.0, spot_exponent=20.0)
+    scenes = {
+        "ambient": (surface, [ambient]),
+        "distant": (surface, [distant]),
+        "point": (surface, [point]),
+        "spot": (surface, [spot]),
+        "polygon": (matt, [Polygon(_SQUARE, 1.5)]),
+        "environment": (surface, [Environment(0.8)]),
+        "ambient + spot + left": (surface, [ambient, spot, Distant(_LEFT, (0.2, 0.4, 0.9))]),
+    }
+    row = [canvas.sphere(*scene, background=0.02) for scene in scenes.values()]
+    return contact_sheet([row], columns=tuple(scenes))
+
+
+def _polygon_light(canvas: Canvas) -> Image:
+    matt, camera = Surface(Term("lambert", 0.9)), Perspective((0.6, 0.5, 5.0), field_of_view=25.0)
+    images = [
+        canvas.sphere(matt, [Polygon(_SQUARE, 1.2, horizon_clipping=clipped)], camera, background=0.02)
+        for clipped in (True, False)
+    ]
+    difference = false_color(np.abs(images[1] - images[0]).max(axis=0), 1e-3, 1.0)
+    sheet = contact_sheet([[*images, difference]], columns=("clipped", "not clipped", "difference"))
+    return stacked(sheet, color_scale(sheet.shape[2], "difference of the radiance; white: less than 0.001", 1e-3, 1.0))
+
+
+# --- smooth shading ---
+
+_LEVELS = (0, 1, 2, 3)
+
+
+def _single(mesh_level: int) -> meshes.Mesh:
+    return meshes.icosphere(mesh_level, jnp.float32)
+
+
+def _faces(level: int) -> str:
+    return f"{20 * 4**level} faces"
+
+
+def worst_facet(mesh: meshes.Mesh) -> Float[np.ndarray, " 3"]:
+    """The normal of the facet whose vertices are farthest from it, on a mesh of the unit sphere."""
+    normals = np.asarray(meshes.face_normals(mesh), float)
+    return normals[np.argmin((normals @ np.asarray(mesh.vertices, float).T).max(axis=1))]
+
+
+def towards_facet(mesh: meshes.Mesh, degrees: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors to the eye and to a light, `degrees` to either side of the worst facet: its normal is their half vector."""
+    axis = worst_facet(mesh)
+    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    side *= np.tan(np.radians(degrees)) / np.linalg.norm(side)
+    return tuple((axis + sign * side) / np.linalg.norm(axis + side) for sign in (1, -1))  # pyright: ignore[reportReturnType]
+
+
+def _gouraud_phong(canvas: Canvas) -> Image:
+    n, shadings = 100.0, ("flat", "gouraud", "phong")
+    material = _matt_and_glossy((0.5, 0.12, 0.08), 0.08, n)
+    columns, pictures = [], []
+    for level in _LEVELS:
+        mesh = _single(level)
+        view, light = towards_facet(mesh)
+        camera, lights = Orthographic(5 * view, up=np.cross(view, light)), [Distant(light, 0.7 * np.pi)]
+        pictures.append(
+            [
+                *(canvas.mesh(mesh, camera, material, lights, shading=shading, background=0.02) for shading in shadings),
+                canvas.sphere(material, lights, camera, background=0.02),
+            ]
+        )
+        columns.append(f"{_faces(level)}: {float(failures.lost_highlight(mesh, n)):.3f}")
+    rows = [list(row) for row in zip(*pictures, strict=True)]
+    across = f"highlight on a facet's centre, n = {n:g}: what Gouraud shading leaves of it"
+    return contact_sheet(rows, columns=columns, labels=(*shadings, "exact"), across=across)
+
+
+_ASIDE = np.array([0.3, 0.2, 1.0])
+
+
+def _bleed(canvas: Canvas) -> Image:
+    camera, lights = Orthographic(5 * _ASIDE), [Distant(-_ASIDE, np.pi)]
+    white = Surface(Term("lambert", 1.0))
+    columns = [
+        f"{_faces(level)}: up to {float(failures.silhouette_bleed(_single(level), _ASIDE)):.2f}" for level in _LEVELS[:3]
+    ]
+    rows = [
+        [
+            *(canvas.mesh(_single(level), camera, white, lights, shading=shading) for level in _LEVELS[:3]),
+            canvas.sphere(white, lights, camera),
+        ]
+        for shading in ("gouraud", "phong")
+    ]
+    across = "light straight from behind: all that is seen is wrong"
+    return contact_sheet(rows, columns=(*columns, "exact"), labels=("gouraud", "phong"), across=across)
+
+
+def _mach_bands(canvas: Canvas) -> Image:
+    mesh, height = meshes.icosphere(1), 0.1
+    white, lights = Surface(Term("lambert", 1.0)), [Distant(_ASIDE, np.pi)]
+    camera = Orthographic(half_height=0.9)
+    columns, pictures = [], []
+    for shading in ("flat", "gouraud", "phong", "exact"):
+        if shading == "exact":
+            image = canvas.sphere(white, lights, camera, background=0.02)
+            x = np.linspace(-0.9, 0.9, 2001)
+            normal = np.stack([x, np.full_like(x, height), np.sqrt(1 - x * x - height * height)])
+            value = np.maximum(_ASIDE @ normal, 0) / np.linalg.norm(_ASIDE)
+            slope, inner = np.gradient(value, x), np.ones(2001, bool)
+            columns.append("exact")
+        else:
+            image = canvas.mesh(mesh, camera, white, lights, shading=shading, background=0.02)
+            found = failures.mach_bands(mesh, shading, _ASIDE, height=height)
+            x, value, slope = found.position, found.value, np.append(found.slope, found.slope[-1])
+            jump = found.value_jump if shading == "flat" else found.slope_jump
+            columns.append(f"{shading}: {'value' if shading == 'flat' else 'slope'} jumps {np.abs(jump).max():.2f}")
+            # Where the value itself jumps there is no slope.
+            inner = np.abs(slope) < 10
+        row = int((0.9 - height) / 1.8 * canvas.side)
+        image[:, row, ::3] = np.array([[0.8], [0.0], [0.0]])
+        shown = np.where(inner, slope, 0)
+        pictures.append([image, curve(canvas.side, x, value, 0, 1), curve(canvas.side, x, shown, -3, 3)])
+    rows = [list(row) for row in zip(*pictures, strict=True)]
+    return contact_sheet(rows, columns=columns, labels=(_faces(1), "value", "slope"), across="along the dotted line")
+
+
+def _sheets(canvas: Canvas) -> Image:
+    white = Surface(Term("lambert", 0.9))
+    camera, lights = Orthographic((0.0, -2.0, 5.0), half_height=1.1), [Distant((np.sin(np.radians(25)), 0.0, 0.906), np.pi)]
+    sheets = {"zigzag": meshes.zigzag(), "corrugated": meshes.corrugated()}
+    columns = [
+        f"{name}: {float(failures.facet_contrast(mesh)):.3f}, {float(failures.interpolated_contrast(mesh)):.3f}"
+        for name, mesh in sheets.items()
+    ]
+    rows = [
+        [canvas.mesh(mesh, camera, white, lights, shading=shading, background=0.02) for mesh in sheets.values()]
+        for shading in ("flat", "gouraud")
+    ]
+    return contact_sheet(rows, columns=columns, labels=("flat", "gouraud"), across="contrast of facets, of averaged normals")
+
+
+# --- rays ---
+
+
+def _glass(canvas: Canvas) -> Image:
+    floor = Plane((0.0, -1.0, 0.0), (0.0, 1.0, 0.0), Surface(Term("lambert", 0.6)))
+    bodies = (
+        floor,
+        Sphere((-0.8, -0.3, -0.6), 0.7, mirror=0.85),
+        Sphere((0.5, -0.45, 0.6), 0.55, transparency=1.0, index=1.5),
+        Sphere((1.0, -0.5, -1.2), 0.5, _matt_and_glossy()),
+        Sphere((-0.35, -0.8, 1.3), 0.2, _matt_and_glossy((0.1, 0.3, 0.6))),
+    )
+    camera = Perspective((0.0, 0.6, 5.5), (0.0, -0.4, 0.0), field_of_view=30.0)
+    lights = [Ambient(0.15), Distant((1.0, 2.0, 1.0), 0.9 * np.pi)]
+    return canvas.mean(trace(bodies, lights, camera, size=canvas.size, depth=6, background=(0.35, 0.5, 0.7)))
+
+
+_YOKOI = "Yokoi et al., figure"
+_PRESETS: dict[str, Preset] = {
+    "figure-5": Preset(
+        f"{_YOKOI} 5: highlight (4), exponent n, w = 1", 128,
+        _row((2, 4, 6, 8, 10, 20, 40, 60, 80, 100), "n", lambda n: Highlight(_BLUE, n=n)),
+    ),
+    "figure-6": Preset(
+        f"{_YOKOI} 6: highlight (4), weight w, n = 10", 128,
+        _row((1, 0.8, 0.6, 0.4, 0.2), "w", lambda w: Highlight(_BLUE, w=w)),
+    ),
+    "figure-7": Preset(
+        f"{_YOKOI} 7: translucent (8), opacity t_h", 128,
+        _translucent(
+            (0, 0.5), (0.2, 0.4, 0.6, 0.8, 1.0),
+            lambda t_p, t_h, behind: Translucent(_BLUE, t_h=t_h, t_p=t_p, behind=behind), ("t_p", "t_h"),
+        ),
+    ),
+    "figure-8": Preset(
+        f"{_YOKOI} 8: translucent (8), exponent t_p of the opacity", 128,
+        _translucent(
+            (0.8,), (0, 0.5, 1.0, 1.5, 2.0),
+            lambda t_h, t_p, behind: Translucent(_BLUE, t_h=t_h, t_p=t_p, behind=behind), ("t_h", "t_p"),
+        ),
+    ),
+    "figure-9": Preset(f"{_YOKOI} 9: opaque and translucent spheres, by equation (8) and by rays", 256, _figure_9),
+    "figure-10": Preset(f"{_YOKOI} 10: metal (12), two lights", 256, _metal("10")),
+    "figure-11": Preset(f"{_YOKOI} 11: metal (12), secondary lights from the left and below", 256, _metal("11")),
+    "figure-12": Preset(f"{_YOKOI} 12: metal (15), powers of N.H", 256, _metal("12")),
+    "figure-13": Preset(f"{_YOKOI} 13: metal (16), powers of R.V", 256, _metal("13")),
+    "furnace": Preset("white furnace: published BRDFs beside the validated ones; the excess in false colour", 96, _furnace),
+    "furnace-validated": Preset("white furnace of every validated BRDF: none glows", 80, _furnace_validated),
+    "lobes": Preset("lobes at equal n under one light; light scaled by 2 pi/(n+2)", 144, _lobes),
+    "lights": Preset("one surface under every kind of light", 160, _lights),
+    "polygon-light": Preset("a square light beside a matt sphere, clipped at its horizon and not", 224, _polygon_light),
+    "gouraud-phong": Preset("flat, Gouraud and Phong shading at 20 to 1280 faces", 176, _gouraud_phong),
+    "silhouette-bleed": Preset("colour of the far side at the silhouette of a mesh lit from behind", 176, _bleed),
+    "mach-bands": Preset("jumps of the slope that smooth shading leaves", 208, _mach_bands),
+    "sheets": Preset("averaged normals: a zigzag vanishes, a corrugation stays", 224, _sheets),
+    "glass": Preset("mirror, glass and matt spheres by rays: Fresnel, Snell, shadows", 384, _glass),
+}  # fmt: skip
+
+PRESETS: Mapping[str, Preset] = MappingProxyType(_PRESETS)
+"""Every preset by its name."""
