@@ -296,6 +296,11 @@ def test_the_zigzag_loses_its_folds_and_the_corrugation_keeps_its_waves():
     assert round(float(failures.facet_contrast(zigzag())), 3) == 0.565
     assert failures.interpolated_contrast(zigzag()) == pytest.approx(0, abs=1e-15)
     assert failures.interpolated_contrast(zigzag(), weighting="area") == pytest.approx(0, abs=1e-15)
+    # At the ends of the folds too, where a vertex has fewer faces on one side if all diagonals run alike.
+    folds = zigzag(3, rows=1)
+    inner = np.abs(np.asarray(folds.vertices)[:, 0]) < 0.9
+    for weighting in ("unit", "area"):
+        np.testing.assert_allclose(np.asarray(vertex_normals(folds, weighting))[inner, :2], 0, atol=1e-15)
     wave = corrugated()
     assert failures.facet_contrast(wave) > 0.55
     assert failures.interpolated_contrast(wave) > 0.55
