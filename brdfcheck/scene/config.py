@@ -159,8 +159,8 @@ def _geometry(table: Mapping[str, Any], place: str) -> tuple[meshes.Mesh | None,
     for key, value in options.items():
         if value not in _MESH_OPTIONS[key]:
             raise UsageError(f"{place}.{key} must be one of {', '.join(_MESH_OPTIONS[key])}; got {_shown(value)}")
-    parameters = [name for name in inspect.signature(_MESHES[kind]).parameters if name != "dtype"]
-    _refuse_unknown(given, (*parameters, *_MESH_OPTIONS), f"{place} ({kind})")
+    parameters = {name: part for name, part in inspect.signature(_MESHES[kind]).parameters.items() if name != "dtype"}
+    _refuse_unfit(given, parameters, f"{place} ({kind})", tuple(_MESH_OPTIONS))
     # Sheets have two sides.
     options |= {"cull": False} if kind in ("zigzag", "corrugated") else {}
     return _try(place, lambda: _MESHES[kind](**given, dtype=jnp.float32)), options
@@ -189,13 +189,12 @@ def _made(table: Any, kinds: Mapping[str, Callable[..., Any]], place: str) -> An
     kind = _kind(table, tuple(kinds), place)
     parameters = inspect.signature(kinds[kind]).parameters
     given = {key: value for key, value in table.items() if key != "kind"}
-    _refuse_unknown(given, tuple(parameters), f"{place} ({kind})")
-    for name, parameter in parameters.items():
-        if parameter.default is parameter.empty and name not in given:
-            raise UsageError(f"{place} ({kind}): {name} is missing; its keys: {', '.join(parameters)}")
+    _refuse_unfit(given, parameters, f"{place} ({kind})")
     for name, parameter in parameters.items():
         if isinstance(parameter.default, bool) and not isinstance(given.get(name, False), bool):
             raise UsageError(f"{place}.{name} must be true or false; got {_shown(given[name])}")
+    if kind == "metal" and not (isinstance(given["lobes"], list) and all(isinstance(lobe, list) for lobe in given["lobes"])):
+        raise UsageError(f"{place}.lobes must be pairs, as in [[0.013, 0.2], [0.1, 0.4]]; got {_shown(given['lobes'])}")
     return _try(place, lambda: kinds[kind](**_colors(given)))
 
 
@@ -220,7 +219,8 @@ def _try(place: str, make: Callable[..., Any], *arguments: Any) -> Any:
     except KeyError as error:
         raise UsageError(f"{place}: {one_line(error.args[0])}") from None
     except (ValueError, TypeError, ImportError, OverflowError) as error:
-        raise UsageError(f"{place}: {one_line(error)}") from None
+        # What the Python argument is called is a key here.
+        raise UsageError(f"{place}: {one_line(error).replace('allow_unvalidated=True', 'allow_unvalidated = true')}") from None
 
 
 def _table(document: Mapping[str, Any], key: str, label: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
@@ -237,6 +237,14 @@ def _kind(table: Any, kinds: Sequence[str], place: str) -> str:
     if not isinstance(kind, str) or kind not in kinds:
         raise UsageError(f"{place}.kind must be one of {', '.join(kinds)}; got {_shown(kind)}")
     return kind
+
+
+def _refuse_unfit(table: Mapping[str, Any], parameters: Mapping[str, Any], place: str, others: Sequence[str] = ()) -> None:
+    """UsageError for a key that is no parameter and not one of the others, and where one is missing that has no default."""
+    _refuse_unknown(table, (*parameters, *others), place)
+    for name, parameter in parameters.items():
+        if parameter.default is parameter.empty and name not in table:
+            raise UsageError(f"{place}: {name} is missing; its keys: {', '.join((*parameters, *others))}")
 
 
 def _refuse_unknown(table: Mapping[str, Any], allowed: Sequence[str], place: str) -> None:

@@ -28,7 +28,7 @@ def false_color(excess: Float[Any, "..."], least: float = _LEAST, most: float = 
 
     excess = np.nan_to_num(np.asarray(excess, float), nan=-1.0)
     place = np.log(np.maximum(excess, least) / least) / np.log(most / least)
-    hot = np.moveaxis(colormaps["plasma"](np.clip(place, 0, 1))[..., :3], -1, 0)
+    hot = np.moveaxis(np.asarray(colormaps["plasma"](np.clip(place, 0, 1)))[..., :3], -1, 0)
     return _linear(np.where(excess < least, np.clip(1 + excess, 0, 1), hot))
 
 

@@ -139,7 +139,7 @@ def figure_9_spheres() -> tuple[Sphere, ...]:
     look = {"w": 1.0, "n": 10.0}
     return (
         Sphere((-0.35, 0.3, -1.0), 0.6, Highlight(_RED, **look)),
-        Sphere((0.5, 0.35, -2.2), 0.45, Highlight(_GOLD, **look)),
+        Sphere((0.6, 0.68, 0.2), 0.35, Highlight(_GOLD, **look)),
         Sphere((0.1, -0.2, 0.6), 0.6, Translucent((0.3, 0.6, 0.9), t_h=0.8, t_p=1.0, **look)),
         Sphere((-0.5, -0.5, 1.6), 0.35, Translucent((0.4, 0.9, 0.5), t_h=0.8, t_p=1.0, **look)),
     )
@@ -185,7 +185,7 @@ _USUAL = {"n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0}
 PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
     ("binomial-power-raw", {"n": 4}, "binomial-power-half"),
     ("binomial-power-published", {"n": 17.85}, "binomial-power-half"),
-    ("binomial-power-unclamped", {"n": 60}, "binomial-power-half"),
+    ("binomial-power-unclamped", {"n": 40}, "binomial-power-half"),
     ("blinn-phong-6", {"n": 20}, "blinn-phong"),
     ("blinn-phong-8", {"n": 8.76}, "blinn-phong"),
     ("blinn-phong-ndf", {"n": 100}, "blinn-phong"),
@@ -230,6 +230,12 @@ def _numbers(parameters: Mapping[str, float]) -> str:
     return ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
 
 
+def _share(most: float) -> str:
+    if most > 1:
+        return f"{1 + most:.3g} times"
+    return f"+{most:.2%}" if most > 1e-5 else "no excess"
+
+
 _SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
 
 
@@ -241,7 +247,7 @@ def _furnace(canvas: Canvas) -> Image:
             row += [furnace_tile(brdf, tuple(parameters.items()), canvas.side), _false_tile(brdf, parameters, canvas.side)]
         rows.append(row)
         most = float(furnace_excess(name, parameters, canvas.side).max())
-        labels.append(f"{name}, {_numbers(parameters)}: {f'+{most:.2%}' if most > 1e-5 else 'no excess'}")
+        labels.append(f"{name}, {_numbers(parameters)}: {_share(most)}")
     sheet = contact_sheet(rows, columns=("validated", "excess", "published", "excess"), labels=labels)
     return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
 
@@ -468,8 +474,8 @@ _PRESETS: dict[str, Preset] = {
     "figure-11": Preset(f"{_YOKOI} 11: metal (12), secondary lights from the left and below", 256, _metal("11")),
     "figure-12": Preset(f"{_YOKOI} 12: metal (15), powers of N.H", 256, _metal("12")),
     "figure-13": Preset(f"{_YOKOI} 13: metal (16), powers of R.V", 256, _metal("13")),
-    "furnace": Preset("white furnace: published BRDFs beside the validated ones; the excess in false colour", 96, _furnace),
-    "furnace-validated": Preset("white furnace of every validated BRDF: none glows", 80, _furnace_validated),
+    "furnace": Preset("white furnace: published BRDFs beside the validated ones; the excess in false colour", 97, _furnace),
+    "furnace-validated": Preset("white furnace of every validated BRDF: none glows", 81, _furnace_validated),
     "lobes": Preset("lobes at equal n under one light; light scaled by 2 pi/(n+2)", 144, _lobes),
     "lights": Preset("one surface under every kind of light", 160, _lights),
     "polygon-light": Preset("a square light beside a matt sphere, clipped at its horizon and not", 224, _polygon_light),

@@ -1,0 +1,291 @@
+"""``brdfcheck render``: what it writes, and how it refuses."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import png
+import pytest
+
+import brdfcheck
+from brdfcheck import cli
+from brdfcheck.cli import ExitCode
+from brdfcheck.messages import UsageError
+from brdfcheck.scene import config, presets
+from brdfcheck.scene.colour import encode_srgb
+
+Run = Callable[..., tuple[int, str, str]]
+
+SCENE = """
+size = [12, 16]
+background = 0.1
+
+[geometry]
+kind = "sphere"
+
+[camera]
+kind = "perspective"
+eye = [0, 1, 5]
+
+[material]
+kind = "surface"
+terms = [{ brdf = "lambert", tint = [0.6, 0.2, 0.1] }, { brdf = "phong", tint = 0.3, n = 50 }]
+
+[[lights]]
+kind = "spot"
+position = [0, 0, 4]
+spot_direction = [0, 0, -1]
+spot_exponent = 2
+
+[[lights]]
+kind = "ambient"
+intensity = [0.1, 0.1, 0.2]
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = cli.run(arguments)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return run
+
+
+def read(path: Path) -> tuple[np.ndarray, int]:
+    width, height, rows, info = png.Reader(bytes=path.read_bytes()).read()
+    return np.array([list(row) for row in rows]).reshape(height, width, 3), info["bitdepth"]
+
+
+# --- presets ---
+
+
+def test_the_list_names_every_preset(run: Run) -> None:
+    code, out, err = run("render", "--list")
+    assert (code, err) == (0, "")
+    assert [line.split()[0] for line in out.splitlines()] == list(presets.PRESETS)
+    assert all(preset.caption in out for preset in presets.PRESETS.values())
+
+
+def test_a_preset_is_written_as_png_of_8_and_16_bit_and_exr(run: Run, here: Path) -> None:
+    options = ("render", "figure-10", "--size", "20", "--quality", "draft")
+    code, out, _ = run(*options, "-o", "a.png")
+    assert code == ExitCode.PASSED
+    assert out.startswith("wrote a.png: 20 x 20 pixels in ")
+    image = np.moveaxis(presets.render_preset("figure-10", 20, "draft"), 0, -1)
+    eight, bits = read(here / "a.png")
+    assert bits == 8
+    np.testing.assert_array_equal(eight, np.rint(encode_srgb(image) * 255))
+    assert run(*options, "-o", "b.PNG", "--bits", "16")[0] == ExitCode.PASSED
+    sixteen, bits = read(here / "b.PNG")
+    assert bits == 16
+    np.testing.assert_array_equal(sixteen, np.rint(encode_srgb(image) * 65535))
+    assert run(*options, "-o", "c.exr")[0] == ExitCode.PASSED
+    import OpenEXR
+
+    with OpenEXR.File(str(here / "c.exr")) as file:
+        np.testing.assert_array_equal(file.channels()["RGB"].pixels, image)
+        assert file.header()["brdfcheck.rendered"] == "figure-10"
+
+
+def test_another_process_writes_the_same_bytes(run: Run, here: Path) -> None:
+    options = ("render", "figure-6", "--size", "24")
+    assert run(*options, "-o", "a.png")[0] == ExitCode.PASSED
+    root = str(Path(brdfcheck.__file__).parent.parent)
+    done = subprocess.run(
+        [sys.executable, "-m", "brdfcheck", *options, "-o", "b.png"], capture_output=True, text=True, check=False, timeout=120,
+        env={**os.environ, "PYTHONPATH": root},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (here / "a.png").read_bytes() == (here / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "say what to render: a preset's name (brdfcheck render --list) or a scene's file"),
+        (("furnac", "-o", "a.png"), "unknown preset 'furnac'; did you mean furnace"),
+        (("zzz", "-o", "a.png"), "unknown preset 'zzz'; the presets are figure-5, "),
+        (("figure-5",), "-o: say where the picture goes"),
+        (("figure-5", "-o", "a.jpg"), "--output: the file must end in .png or .exr; got 'a.jpg'"),
+        (("figure-5", "-o", "no/a.png"), "--output: cannot write 'no/a.png': the folder"),
+        (("figure-5", "-o", "a.png", "--size", "0"), "--size: must be a number of pixels from 1 to 4096; got '0'"),
+        (("figure-5", "-o", "a.png", "--size", "2x2"), "--size: must be a number of pixels from 1 to 4096; got '2x2'"),
+        (("figure-5", "-o", "a.png", "--size", "4096", "--quality", "high"), "from 1 to 2048; got '4096'"),
+        (("figure-5", "-o", "a.png", "--quality", "best"), "--quality: must be one of draft, normal, high; got 'best'"),
+        (("figure-5", "-o", "a.png", "--bits", "12"), "--bits: must be 8 or 16; got '12'"),
+        (("none.toml", "-o", "a.png"), "there is no file 'none.toml'"),
+        ((".toml", "-o", "a.png"), "cannot read '.toml': Is a directory"),
+        (("binary.toml", "-o", "a.png"), "binary.toml is not a text file in UTF-8"),
+        (("broken.toml", "-o", "a.png"), "broken.toml is not TOML: "),
+    ],
+)
+def test_4_and_one_line_for_what_cannot_be_done(run: Run, here: Path, words: tuple[str, ...], message: str) -> None:
+    (here / ".toml").mkdir()
+    (here / "binary.toml").write_bytes(b"\xff\xfe")
+    (here / "broken.toml").write_text("size = ")
+    code, out, err = run("render", *words)
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert err.startswith("brdfcheck: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert not (here / "a.png").exists()
+
+
+# --- scenes ---
+
+
+def test_a_scene_is_what_its_numbers_say(run: Run, here: Path) -> None:
+    (here / "scene.toml").write_text(SCENE)
+    code, out, _ = run("render", "scene.toml", "-o", "scene.exr", "--quality", "draft")
+    assert code == ExitCode.PASSED
+    assert "wrote scene.exr: 16 x 12 pixels" in out
+    import OpenEXR
+
+    with OpenEXR.File(str(here / "scene.exr")) as file:
+        pixels = file.channels()["RGB"].pixels
+    scene = config.read_scene(here / "scene.toml")
+    np.testing.assert_array_equal(pixels, np.moveaxis(scene.render(), 0, -1))
+    np.testing.assert_allclose(pixels[0, 0], 0.1, rtol=1e-6)
+    # A spot reaches nothing outside its cone, 45 degrees; ambient light everything that is matt.
+    assert pixels[6, 8, 0] > 0.1
+    assert run("render", "scene.toml", "-o", "large.png", "--size", "8x10")[0] == ExitCode.PASSED
+    assert read(here / "large.png")[0].shape == (8, 10, 3)
+
+
+def changed(**parts: Any) -> dict[str, Any]:
+    return {**tomllib.loads(SCENE), **parts}
+
+
+LAMBERT = {"kind": "surface", "terms": [{"brdf": "lambert", "tint": 0.5}]}
+
+
+@pytest.mark.parametrize("kind", ["icosphere", "latitude-longitude", "zigzag", "corrugated"])
+def test_every_mesh(kind: str) -> None:
+    shape = {"icosphere": {"level": 1}, "latitude-longitude": {"rows": 4, "columns": 6}}.get(kind, {"waves": 2, "rows": 2})
+    document = changed(geometry={"kind": kind, "shading": "flat", **shape}, material=LAMBERT, size=9)
+    image = config.parse_scene(document).render()
+    assert image.shape == (3, 9, 9)
+    assert np.all(np.isfinite(image))
+    assert image.dtype == np.float32
+    assert image[:, 4, 4].max() > 0.1
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        {"kind": "highlight", "base": [0.1, 0.2, 0.8], "n": 20},
+        {"kind": "translucent", "base": 0.4, "behind": 0.1},
+        {"kind": "metal", "base": [1, 0.7, 0.3], "lobes": [[0.013, 0.2], [0.1, 0.4]]},
+    ],
+)
+def test_every_artistic_material(material: dict[str, Any]) -> None:
+    light = [{"kind": "distant", "direction": [1, 1, 1]}]
+    image = config.parse_scene(changed(material=material, lights=light, size=9)).render()
+    assert np.all(np.isfinite(image))
+    assert image[:, 4, 4].max() > 0.1
+
+
+def test_every_light_on_a_matt_sphere_and_a_colour_from_its_spectrum() -> None:
+    pytest.importorskip("colour")
+    red = {"wavelengths": [400, 570, 600, 700], "reflectance": [0.1, 0.1, 0.7, 0.7]}
+    lights = [
+        {"kind": "environment", "intensity": 0.1},
+        {"kind": "point", "position": [1, 1, 3], "quadratic_attenuation": 1},
+        {"kind": "polygon", "vertices": [[2, -1, -1], [2, 1, -1], [2, 1, 1]], "two_sided": True},
+        {"kind": "distant", "direction": [0, 0, 1]},
+    ]
+    document = changed(material={"kind": "surface", "terms": [{"brdf": "lambert", "tint": red}]}, lights=lights, size=9)
+    image = config.parse_scene(document).render()
+    assert image[0, 4, 4] > 3 * image[2, 4, 4] > 0
+
+
+def test_a_brdf_that_does_not_conserve_needs_a_word(run: Run, here: Path) -> None:
+    text = SCENE.replace('"phong", tint = 0.3', '"blinn-phong-8", tint = 0.3')
+    (here / "scene.toml").write_text(text)
+    code, _, err = run("render", "scene.toml", "-o", "a.png")
+    assert code == ExitCode.USAGE_ERROR
+    assert err.count("\n") == 1
+    assert "material: blinn-phong-8 is not validated (VIOLATES: albedo 1.0752" in err
+    assert "allow_unvalidated = true" in err
+    (here / "scene.toml").write_text("allow_unvalidated = true\n" + text)
+    assert run("render", "scene.toml", "-o", "a.png")[0] == ExitCode.PASSED
+
+
+def material(**parts: Any) -> dict[str, Any]:
+    return {"material": {"kind": "surface", "terms": [{"brdf": "lambert", "tint": 0.5, **parts}]}}
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"sise": 3}, "scene: unknown key 'sise'; did you mean size? allowed: size, background"),
+        ({"size": "big"}, "scene: size must be a number of pixels or [height, width]; got 'big'"),
+        ({"size": [0, 4]}, "scene: size: size must be (height, width)"),
+        ({"background": -1}, "scene: background must be finite and >= 0; got -1"),
+        ({"background": [1, 2]}, "scene: background must be a number or three"),
+        ({"allow_unvalidated": 1}, "allow_unvalidated must be true or false; got 1"),
+        ({"lights": {"kind": "point"}}, "scene: lights must be a list of tables"),
+        ({"lights": [3]}, "scene: lights[0] must be a table with a kind; got 3"),
+        ({"lights": [{"kind": "sun"}]}, "lights[0].kind must be one of ambient, environment, distant, point, spot, polygon"),
+        ({"lights": [{"kind": "point"}]}, "lights[0] (point): position is missing; its keys: position, intensity"),
+        ({"lights": [{"kind": "point", "positon": [0, 0, 1]}]}, "unknown key 'positon'; did you mean position?"),
+        ({"lights": [{"kind": "distant", "direction": [0, 0, 0]}]}, "lights[0]: direction must not have length 0"),
+        ({"lights": [{"kind": "point", "position": [0, 0, 1], "intensity": float("nan")}]}, "intensity must be finite"),
+        ({"lights": [{"kind": "polygon", "vertices": [[0, 0, 1], [1, 0, 1]]}]}, "needs at least 3 vertices"),
+        ({"camera": {"kind": "perspective", "field_of_view": 200}}, "field_of_view must be a number > 0 and < 180; got 200"),
+        ({"camera": []}, "camera must be a table, below [camera]"),
+        ({"geometry": {"kind": "cube"}}, "geometry.kind must be one of sphere, icosphere"),
+        ({"geometry": {"kind": "icosphere", "level": 99}}, "geometry: level must be an integer from 0 to 8; got 99"),
+        ({"geometry": {"kind": "icosphere", "shading": "blinn"}}, "geometry.shading must be one of flat, gouraud, phong"),
+        ({"geometry": {"kind": "sphere", "level": 2}}, "geometry (sphere): unknown key 'level'; allowed: center, radius"),
+        ({"geometry": {"kind": "latitude-longitude"}}, "geometry (latitude-longitude): rows is missing"),
+        (material(brdf="fong"), "material.terms[0]: unknown BRDF 'fong'; did you mean"),
+        (material(brdf=3), "material.terms[0].brdf must be a catalogue name"),
+        (material(n=3), "material.terms[0]: lambert has no parameter 'n'"),
+        (material(fresnel="x"), "fresnel must be one of none, exact, schlick; got 'x'"),
+        (material(tint=2.0), "the surface reflects up to 2 of the light in channel R"),
+        ({"material": {"kind": "surface"}}, "material.terms must be a list of tables"),
+        ({"material": {"kind": "metal", "base": 0.5, "lobes": 3}}, "material.lobes must be pairs"),
+        ({"material": {"kind": "highlight", "base": 2}}, "material: base must be finite and >= 0 and <= 1; got 2"),
+    ],
+)
+def test_scenes_that_are_wrong_name_the_key_and_what_is_allowed(parts: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        config.parse_scene(changed(**parts))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_only_rendering_finds_out(run: Run, here: Path) -> None:
+    (here / "scene.toml").write_text(SCENE.replace("eye = [0, 1, 5]", "eye = [0, 0.1, 0.5]"))
+    code, _, err = run("render", "scene.toml", "-o", "a.png")
+    assert code == ExitCode.USAGE_ERROR
+    assert "the camera is inside the sphere" in err
+    text = SCENE.replace('kind = "ambient"', 'kind = "polygon"\nvertices = [[2, -1, -1], [2, 1, -1], [2, 1, 1]]')
+    (here / "scene.toml").write_text(text)
+    code, _, err = run("render", "scene.toml", "-o", "a.png")
+    assert code == ExitCode.USAGE_ERROR
+    assert "a Polygon light has a closed form on matt terms only; this surface has Phong" in err
+
+
+def test_a_scene_needs_material_and_lights() -> None:
+    for key in ("material", "lights"):
+        document = changed()
+        del document[key]
+        with pytest.raises(UsageError, match=f"{key} is missing"):
+            config.parse_scene(document)
