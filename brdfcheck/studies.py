@@ -2,7 +2,8 @@
 
 A study is a file with a docstring (question, command, answer) and three functions: ``run(size)`` gives what was measured
 (`settings`, `results`, `summary`: plain numbers), ``plot(record)`` the figure and ``summary(record)`` the page. This module
-finds the studies, runs them and writes ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery.
+finds the studies, runs them and writes ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery. A
+fourth function, ``pictures(record)``, may give more files that the page shows: their bytes by name.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ def record_of(study: Study, size: str) -> dict[str, Any]:
 
 
 def write_report(study: Study, record: Mapping[str, Any], reports: Path) -> Path:
-    """Write the four files of a study's report from its record alone. OSError where that fails."""
+    """Write the four files of a study's report, and its pictures, from its record alone. OSError where that fails."""
     module = load(study)
     place = reports / study.name
     place.mkdir(parents=True, exist_ok=True)
@@ -103,6 +104,8 @@ def write_report(study: Study, record: Mapping[str, Any], reports: Path) -> Path
     records.write_atomically(place / "record.json", text)
     for suffix in (".png", ".svg"):
         records.write_atomically(place / f"figure{suffix}", plots.to_bytes(figure, suffix))
+    for name, content in (module.pictures(record) if hasattr(module, "pictures") else {}).items():
+        records.write_atomically(place / name, content)
     page = f"# {study.question}\n\n![{study.question}](figure.png)\n\n{module.summary(record).strip()}\n\n{_made(record)}"
     records.write_atomically(place / "summary.md", page)
     return place

@@ -17,16 +17,6 @@ from brdfcheck.scene.tracing import Sphere, composed, trace
 # Many programs to compile.
 LONG = {"furnace", "furnace-validated", "gouraud-phong", "lobes", "lights"}
 LONG |= {"silhouette-bleed", "mach-bands", "sheets", "polygon-light"}
-    "furnace",
-    "furnace-validated",
-    "gouraud-phong",
-    "lobes",
-    "silhouette-bleed",
-    "mach-bands",
-    "lights",
-    "sheets",
-    "polygon-light",
-}
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in presets.PRESETS])
