@@ -29,8 +29,16 @@ MESHES = {
 }
 
 
-@pytest.mark.parametrize("kind", CAMERAS)
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("icosphere", "orthographic"),
+        ("icosphere", "perspective"),
+        ("globe", "perspective"),
+        ("zigzag from both sides", "perspective"),
+        ("corrugated", "orthographic"),
+    ],
+)
 def test_faces_and_weights_are_those_that_rays_hit(name, kind):
     size = (41, 57) if MESHES[name][1] else (64, 30)
     build, cull = MESHES[name]
@@ -48,7 +56,7 @@ def test_faces_and_weights_are_those_that_rays_hit(name, kind):
     np.testing.assert_allclose(np.moveaxis(found.weights, 0, -1)[covered], weights[covered], atol=1e-12)
 
 
-@pytest.mark.parametrize(("level", "dtype"), [(0, jnp.float32), (2, jnp.float64), (4, jnp.float32)])
+@pytest.mark.parametrize(("level", "dtype"), [(0, jnp.float64), (4, jnp.float32)])
 def test_closed_meshes_have_no_holes(level, dtype):
     # Edges straight through pixel centres: an even size, and vertices on the axes.
     for camera in (Orthographic(), Orthographic((0, 0, 5), (0, 0, 0), (1, 1, 0)), Perspective((3.0, 0, 0), field_of_view=50.0)):
@@ -174,7 +182,7 @@ def test_types_follow_the_mesh_and_gradients_are_finite():
         fragments = rasterise(moved, Perspective(), (32, 32))
         return jnp.sum(jnp.where(fragments.covered, fragments.interpolate(moved.faces, vertices.T) ** 2, 0))
 
-    assert np.all(np.isfinite(jax.grad(total)(mesh.vertices)))
+    assert np.all(np.isfinite(jax.jit(jax.grad(total))(mesh.vertices)))
     # Depth of a plane under a perspective camera, against central differences: nothing moves over an edge.
     sheet = Mesh([[-3, -3, 0], [3, -3, 0.2], [3, 3, 0.4], [-3, 3, 0.0]], [[0, 1, 2], [0, 2, 3]])
     move = np.random.default_rng(4).normal(size=(4, 3))
@@ -186,7 +194,7 @@ def test_types_follow_the_mesh_and_gradients_are_finite():
         return jnp.sum(fragments.interpolate(moved.faces, vertices.T)[2] ** 2)
 
     central = (depth(sheet.vertices + 1e-6 * move) - depth(sheet.vertices - 1e-6 * move)) / 2e-6
-    assert np.sum(jax.grad(depth)(sheet.vertices) * move) == pytest.approx(float(central), rel=1e-7)
+    assert np.sum(jax.jit(jax.grad(depth))(sheet.vertices) * move) == pytest.approx(float(central), rel=1e-7)
 
 
 @pytest.mark.parametrize(
