@@ -12,6 +12,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from brdfcheck import catalog as catalog
+    from brdfcheck.budgets.measure import Budget as Budget
+    from brdfcheck.budgets.measure import budget as budget
     from brdfcheck.callables import Finding as Finding
     from brdfcheck.directional import Albedo as Albedo
     from brdfcheck.directional import albedo as albedo
@@ -44,6 +46,7 @@ _HOME = {
     "BinomialPower": "lobes",
     "BlinnPhong": "lobes",
     "BlinnPhongExact": "factors",
+    "Budget": "budgets.measure",
     "CookTorrance": "microfacet",
     "Factor": "factors",
     "FactorFit": "fit",
@@ -62,6 +65,7 @@ _HOME = {
     "Verdict": "verdict",
     "albedo": "directional",
     "albedo_table": "tables",
+    "budget": "budgets.measure",
     "check": "verdict",
     "factor_ladder": "ladder",
     "fit_factor": "fit",
@@ -74,6 +78,7 @@ __all__ = [
     "BinomialPower",
     "BlinnPhong",
     "BlinnPhongExact",
+    "Budget",
     "CookTorrance",
     "Factor",
     "FactorFit",
@@ -92,6 +97,7 @@ __all__ = [
     "__version__",
     "albedo",
     "albedo_table",
+    "budget",
     "catalog",
     "check",
     "factor_ladder",

@@ -32,6 +32,7 @@ FLOORS = [
         "plots",
     },
     {"console", "export", "studies", "transport"},
+    {"budgets"},
     {"cli"},
     {"__main__", "__init__"},
 ]

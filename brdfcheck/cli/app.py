@@ -56,6 +56,7 @@ Examples:
   brdfcheck sweep config.toml --out S    albedos over a grid, into a Zarr store
   brdfcheck plot albedo-vs-n phong       a figure for a paper
   brdfcheck render furnace -o FILE.png   a picture: presets, or a scene of your own
+  brdfcheck budget scene.toml            the cheapest models that a scene needs
   brdfcheck study all                    questions answered with figures, into reports/
   brdfcheck list                         names, formulas and sources
 

@@ -12,12 +12,12 @@ from typing import Any, NoReturn
 import typer
 
 # Importing a command's module adds it to the app.
-from brdfcheck.cli import check, fit, listing, plot, render, study, sweep
+from brdfcheck.cli import budget, check, fit, listing, plot, render, study, sweep
 from brdfcheck.cli.app import ExitCode, NothingToCheck, Task, app
 from brdfcheck.cli.output import discard
 from brdfcheck.messages import UsageError, one_line
 
-_COMMANDS = (check, fit, listing, plot, render, study, sweep)
+_COMMANDS = (budget, check, fit, listing, plot, render, study, sweep)
 
 
 def run(arguments: Sequence[str]) -> int:

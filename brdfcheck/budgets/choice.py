@@ -1,0 +1,123 @@
+"""The search: of all combinations of rungs, the cheapest one whose error is within the tolerance. No picture is made here.
+
+Every combination has one fixed place in an order of cost and one fixed error, found when it is first asked for. The choice is
+the first one in that order that is good enough. So it is monotone by construction: what is good enough for a tolerance is
+good enough for a looser one, which therefore never costs more; and were the choice for a tighter tolerance to err more than
+the one for a looser, the latter would be good enough for the tighter one too, and come first there.
+
+The error of a combination is the largest of that of its own picture and those of its rungs, each alone in the full model:
+errors that happen to cancel in this one picture are not counted on. It also saves pictures: a combination with a rung that
+is too bad by itself needs none.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+Combination = tuple[int, ...]
+
+
+class Fault(NamedTuple):
+    """The error of a pixel (units of full scale) and of the energy (relative); inf where a picture is refused."""
+
+    pixel: float
+    energy: float
+
+    def within(self, tolerance: Fault) -> bool:
+        """True where neither exceeds its tolerance."""
+        return self.pixel <= tolerance.pixel and self.energy <= tolerance.energy
+
+    def worse(self, other: Fault) -> Fault:
+        """The larger of each."""
+        return Fault(max(self.pixel, other.pixel), max(self.energy, other.energy))
+
+
+REFUSED = Fault(np.inf, np.inf)
+
+
+def pooled(costs: Sequence[float], noise: float) -> list[float]:
+    """Costs of the rungs of one ladder; those that differ by less than the noise share their mean.
+
+    From the cheapest on, a cost within ``1 + noise`` of the least of its group joins it. ValueError for a negative noise.
+    """
+    if not noise >= 0:
+        raise ValueError(f"noise must be >= 0; got {noise}")
+    result = list(costs)
+    group: list[int] = []
+    for i in sorted(range(len(costs)), key=lambda i: costs[i]):
+        if group and costs[i] > costs[group[0]] * (1 + noise):
+            group = []
+        group.append(i)
+        mean = sum(costs[j] for j in group) / len(group)
+        for j in group:
+            result[j] = mean
+    return result
+
+
+@dataclass
+class Search:
+    """Combinations of rungs, one of each ladder, in their order of cost.
+
+    `own`: for each ladder the errors of its rungs alone. `cost` and `work`: of a combination, fixed numbers; operations decide
+    between equal costs, and then the sum of the rungs' errors. `picture`: the error of a combination's picture, called once for
+    each that is needed. `allowed`: whether a combination may be chosen at all, called once for each that is good enough.
+    """
+
+    own: Sequence[Sequence[Fault]]
+    cost: Callable[[Combination], float]
+    work: Callable[[Combination], float]
+    picture: Callable[[Combination], Fault]
+    allowed: Callable[[Combination], bool] = field(default=lambda _: True)
+    errors: dict[Combination, Fault] = field(default_factory=dict)
+    _verdicts: dict[Combination, bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.order = sorted(itertools.product(*(range(len(ladder)) for ladder in self.own)), key=self._key)
+
+    def _key(self, combination: Combination) -> tuple[float, float, float, Combination]:
+        # Products that differ by rounding are equal.
+        cost = float(f"{self.cost(combination):.9e}")
+        return cost, self.work(combination), self.predicted(combination).pixel, combination
+
+    def least(self, combination: Combination) -> Fault:
+        """The worst of its rungs alone: its error is at least that."""
+        worst = Fault(0.0, 0.0)
+        for ladder, i in zip(self.own, combination, strict=True):
+            worst = worst.worse(ladder[i])
+        return worst
+
+    def predicted(self, combination: Combination) -> Fault:
+        """The sum of the errors of its rungs."""
+        parts = [ladder[i] for ladder, i in zip(self.own, combination, strict=True)]
+        return Fault(sum(part.pixel for part in parts), sum(part.energy for part in parts))
+
+    def error(self, combination: Combination) -> Fault:
+        """Its error; its picture is made if it was not."""
+        if combination not in self.errors:
+            self.errors[combination] = self.picture(combination).worse(self.least(combination))
+        return self.errors[combination]
+
+    def best(self, tolerance: Fault) -> Combination | None:
+        """The first in the order of cost that is within the tolerance; None where none is."""
+        for combination in self.order:
+            if self.least(combination).within(tolerance) and self.error(combination).within(tolerance):
+                if combination not in self._verdicts:
+                    self._verdicts[combination] = self.allowed(combination)
+                if self._verdicts[combination]:
+                    return combination
+        return None
+
+    def frontier(self) -> list[Combination]:
+        """Of the combinations whose pictures were made: those with no other that is before them in the order and no worse."""
+        kept: list[Combination] = []
+        for combination in self.order:
+            if combination in self.errors:
+                pixel = self.errors[combination].pixel
+                if np.isfinite(pixel) and (not kept or pixel < self.errors[kept[-1]].pixel):
+                    kept.append(combination)
+        return kept

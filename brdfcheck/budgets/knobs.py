@@ -1,0 +1,299 @@
+"""What may be simplified in a scene: knobs, each a ladder of rungs from the cheapest to the dearest, and what they build.
+
+A scene offers only the knobs that it has. The full model is the scene as it is written, in float64, all light bounces summed,
+the albedo under a surrounding integrated in every pixel. A stand-in for the cosine power comes with a factor; whether the BRDF
+that they make conserves energy is checked as always, by `brdfcheck.scene.materials.Surface`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck import catalog
+from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.budgets.scenes import Scene
+from brdfcheck.exact_factors import SchlickExact, TruncatedPowerExact
+from brdfcheck.factors import Constant, Normalized, peel
+from brdfcheck.lobes import BinomialPower, BlinnPhong, Lyon, Phong, Schlick
+from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
+from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.shading import AbstractMaterial, Place, meetings
+from brdfcheck.scene.values import Vector, power, spread
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A ladder of rungs by name, from the cheapest to the dearest. `title`: what the knob is, for a person."""
+
+    name: str
+    title: str
+    rungs: tuple[str, ...]
+
+
+Choice = Mapping[str, str]
+"""The chosen rung of each knob, by name."""
+
+LOBES: Mapping[str, Callable[[Any, str], AbstractZonalLobe]] = MappingProxyType({
+    "Schlick": Schlick,
+    "Lyon w=1": lambda n, form: Lyon(n, 1, form),
+    "Lyon w=2": lambda n, form: Lyon(n, 2, form),
+    "Lyon w=3": lambda n, form: Lyon(n, 3, form),
+    "binomial k=16": lambda n, form: BinomialPower(n, 16, form),
+    "power": lambda n, form: (Phong if form == "mirror" else BlinnPhong)(n),
+})  # fmt: skip
+# Their factors: that of the power, the best two constants for n from 1 to 1000, the one that makes the albedo 1 at 0 degrees.
+_FACTORS = ("factor of the power", "two constants", "exact factor")
+_FITTED = MappingProxyType(
+    {"Schlick": "schlick", "Lyon w=1": "lyon-1", "Lyon w=2": "lyon-2", "Lyon w=3": "lyon-3", "binomial k=16": "binomial-power"}
+)
+_BOUNCES = (0, 1, 2, 4, 8, 16, 32)
+_QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+_LEVELS = range(5)  # 20 to 5120 faces
+_SHADINGS = ("flat", "Gouraud", "Phong")
+PRECISIONS = ("float16", "float32", "float64")
+_FRESNELS = ("none", "schlick", "exact")
+
+
+def _power_terms(material: Any) -> list[Term]:
+    terms = material.terms if isinstance(material, Surface) else ()
+    return [term for term in terms if isinstance(term.brdf, Normalized) and isinstance(term.brdf.lobe, Phong | BlinnPhong)]
+
+
+def _is_facets(term: Term) -> bool:
+    return term.name == "cook-torrance"
+
+
+def _integrated(scene: Scene) -> list[Term]:
+    """Glossy terms under a surrounding whose albedo a rule in one dimension gives."""
+    material = scene.picture.material
+    if not any(isinstance(light, Environment) for light in scene.picture.lights) or not isinstance(material, Surface):
+        return []
+    glossy = [term for term in material.terms if not term.matt]
+    simple = all(term.fresnel == "none" and isinstance(peel(term.brdf)[0], AbstractZonalLobe) for term in glossy)
+    return glossy if simple else []
+
+
+def knobs_of(scene: Scene) -> tuple[Knob, ...]:
+    """The knobs that a scene has."""
+    material, lights = scene.picture.material, scene.picture.lights
+    found: list[Knob] = []
+    if _power_terms(material):
+        # The factor's error depends on the lobe, so the two are one knob; at a given n it is a number, which costs nothing.
+        names = [f"{lobe}, {factor}" for lobe in LOBES if lobe != "power" for factor in _FACTORS]
+        constants = [f"power, {_FACTORS[1]}"] * all(peel(term.brdf)[0].form == "half" for term in _power_terms(material))
+        found.append(Knob("lobe", "lobe and factor", (*names, *constants, f"power, {_FACTORS[2]}")))
+    elif isinstance(material, Highlight | Translucent):
+        found.append(Knob("lobe", "lobe", tuple(LOBES)))
+    fresnels = {term.fresnel for term in material.terms} - {"none"} if isinstance(material, Surface) else set()
+    if fresnels:
+        dearest = max(_FRESNELS.index(name) for name in fresnels)
+        names = ("constant", "Schlick", "exact")
+        found.append(Knob("fresnel", "Fresnel term", names[: dearest + 1]))
+    if isinstance(material, Metal) and material.form == "facets":
+        found.append(Knob("metal", "metal", ("power of R.V (16)", "power of N.H (15)", "microfacets (12)")))
+    elif isinstance(material, Surface) and any(_is_facets(term) for term in material.terms):
+        found.append(Knob("metal", "metal", ("power of N.H", "microfacets")))
+    near = [light for light in lights if isinstance(light, Point | Polygon)]
+    if near:
+        polygons = [light for light in near if isinstance(light, Polygon)]
+        rungs = ["distant"] + ["point"] * bool(polygons)
+        rungs += ["polygon, unclipped"] * any(light.horizon_clipping for light in polygons)
+        found.append(Knob("light", "light model", (*rungs, "polygon" if polygons else "point")))
+    if scene.facets:
+        rungs = tuple(f"{20 * 4**level} faces, {shading}" for level in _LEVELS for shading in _SHADINGS)
+        found.append(Knob("facets", "facets and interpolation", rungs))
+    elif scene.picture.mesh is not None:
+        found.append(Knob("shading", "interpolation", _SHADINGS))
+    if scene.room is not None:
+        found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
+    if _integrated(scene):
+        found.append(Knob("quadrature", "nodes of the albedo", (*(str(count) for count in _QUADRATURE), "furnace")))
+    return (*found, Knob("precision", "precision", PRECISIONS))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a choice makes of a scene, ready to be compiled.
+
+    `facets`: (level or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for all.
+    `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself.
+    """
+
+    material: Any
+    lights: tuple[Any, ...]
+    dtype: str
+    facets: tuple[int | None, str] | None = None
+    bounces: int | None = None
+    quadrature: int | None = None
+
+
+def plan_of(scene: Scene, choice: Choice) -> Plan:
+    """The plan of a choice. ValueError, with the reason, where a BRDF of it does not conserve energy or has no such factor."""
+    mesh = scene.picture.mesh
+    facets = None
+    if "facets" in choice:
+        count, _, shading = choice["facets"].partition(" faces, ")
+        facets = (round(np.log(int(count) / 20) / np.log(4)), shading.lower())
+    elif mesh is not None and not scene.facets:
+        facets = (None, choice.get("shading", "Phong").lower())
+    bounces, nodes = choice.get("bounces", "all"), choice.get("quadrature", "furnace")
+    return Plan(
+        _material(scene.picture.material, choice),
+        tuple(_light(light, choice.get("light", "polygon"), _center(scene)) for light in scene.picture.lights),
+        choice.get("precision", "float64"),
+        facets,
+        None if bounces == "all" else int(bounces),
+        None if nodes == "furnace" else int(nodes),
+    )
+
+
+def plain(material: AbstractMaterial) -> AbstractMaterial:
+    """The same surface with factors as numbers and without names, so that what shades alike is one compiled program."""
+
+    def number(term: Term) -> Term:
+        brdf = term.brdf
+        if isinstance(brdf, Normalized):
+            brdf = Normalized(brdf.lobe, Constant(brdf.scale()))
+        return Term(brdf, term.tint, fresnel=term.fresnel)
+
+    return Surface(*map(number, material.terms), allow_unvalidated=True) if isinstance(material, Surface) else material
+
+
+def refusal_of(scene: Scene, choice: Choice) -> str:
+    """Why the materials of a choice may not be used: the sum of their BRDFs does not conserve energy. Empty where it does."""
+    material = plan_of(scene, choice).material
+    if isinstance(material, Surface):
+        try:
+            Surface(*material.terms)
+        except ValueError as error:
+            return str(error).removesuffix("; take smaller tints, or allow_unvalidated=True")
+    return ""
+
+
+# --- materials ---
+
+
+def _material(material: Any, choice: Choice) -> AbstractMaterial:
+    if isinstance(material, Surface):
+        terms = [_term(term, choice) for term in material.terms]
+        for term in terms:
+            Surface(term)  # refuses, with the reason, a BRDF that does not conserve
+        # The sum is checked when it is about to be chosen.
+        return Surface(*terms, allow_unvalidated=True)
+    if isinstance(material, Highlight | Translucent) and choice.get("lobe", "power") != "power":
+        return Painted(material, LOBES[choice["lobe"]](material.n, "mirror"))
+    if isinstance(material, Metal) and choice.get("metal", "microfacets (12)") != "microfacets (12)":
+        return _power_metal(material, mirror="(16)" in choice["metal"])
+    return material
+
+
+def _term(term: Term, choice: Choice) -> Term:
+    fresnel = {"constant": "none", "Schlick": "schlick", "exact": "exact"}[choice.get("fresnel", "exact")]
+    # Never a dearer one than the scene's own.
+    fresnel = min(term.fresnel, fresnel, key=_FRESNELS.index)
+    lobe, _, factor = choice.get("lobe", f"power, {_FACTORS[2]}").partition(", ")
+    core = peel(term.brdf)[0]
+    if _is_facets(term) and choice.get("metal") == "power of N.H":
+        # The power with the curvature of Beckmann's distribution at its centre.
+        exponent = jnp.maximum(2 / (core.m * core.m) - 2, 0.01)
+        return Term("blinn-phong", term.tint, fresnel=fresnel, n=exponent)
+    if not isinstance(core, Phong | BlinnPhong) or not isinstance(term.brdf, Normalized):
+        return term if fresnel == term.fresnel else _again(term, fresnel)
+    form, n = core.form, core.n
+    if lobe == "power" and factor == _FACTORS[2]:
+        return term if fresnel == term.fresnel else _again(term, fresnel)
+    if factor == _FACTORS[1]:
+        name = "blinn-phong-fitted" if lobe == "power" else f"{_FITTED[lobe]}-{form}"
+        return Term(name, term.tint, fresnel=fresnel, n=n)
+    model = LOBES[lobe](n, form)
+    if factor == _FACTORS[0]:
+        scale = term.brdf.factor
+    elif isinstance(model, Lyon):
+        scale = TruncatedPowerExact(2**model.w, form)
+    else:
+        scale = SchlickExact(form) if isinstance(model, Schlick) else TruncatedPowerExact(16, form)
+    return Term(Normalized(model, scale), term.tint, fresnel=fresnel)
+
+
+def _again(term: Term, fresnel: str) -> Term:
+    """The same term with another Fresnel factor; by name where it has one, so that its family's check counts."""
+    core = peel(term.brdf)[0]
+    names = catalog.entry(term.name).family.ranges if term.name else {}
+    if term.name and all(hasattr(core, name) for name in names):
+        return Term(term.name, term.tint, fresnel=fresnel, **{name: getattr(core, name) for name in names})
+    return Term(term.brdf, term.tint, fresnel=fresnel)
+
+
+def _power_metal(metal: Metal, *, mirror: bool) -> Metal:
+    r"""(12) as (15) or (16), with the height and the curvature of each distribution at its centre.
+
+    $e^{-\tan^2 a/m^2}/(m^2 \cos^4 a)$ has the height 1/m^2 and the curvature of $\cos^n a$ with n = 2/m^2 - 4. In the plane of
+    incidence the half vector turns half as far as the mirror direction, so the mirror form takes a quarter of that.
+    """
+    parts = []
+    for part in metal.lobes:
+        weight, slope = part[:, 0], part[:, 1]
+        exponent = jnp.maximum(2 / slope**2 - 4, 0) / (4 if mirror else 1)
+        parts.append(jnp.stack([weight / slope**2, exponent], axis=1))
+    return Metal(metal.base, parts, d=metal.d, form="mirror" if mirror else "half")
+
+
+@final
+class Painted(AbstractMaterial):
+    """`Highlight` (4) or `Translucent` (8) with a stand-in for the cosine power, in the mirror form."""
+
+    model: Highlight | Translucent
+    lobe: AbstractZonalLobe
+
+    def color(self, lights: Any, place: Place) -> Float[Array, "3 ..."]:
+        """As the model's own, with the lobe's profile for the power. ValueError for lights without a direction."""
+        model, found = self.model, meetings(lights, place, type(self.model).__name__)
+        dimensions = len(place.shape)
+        lit = sum(spread(one.intensity, dimensions) * (one.falloff * one.cos_light) for one in found)
+        base = (model.d + (1 - model.d) * lit) * spread(model.base, dimensions)
+        if isinstance(model, Translucent):
+            opacity = model.t_h * power(1 - jnp.clip(place.cos_view, 0, 1), model.t_p)
+            base = (1 - opacity) * spread(model.behind, dimensions) + opacity * base
+        dark = 1 - base
+        for one in found:
+            profile = jnp.where(one.mirror_view > 0, self.lobe.profile(jnp.clip(1 - one.mirror_view, 0, 1)), 0)
+            dark = dark * (1 - spread(one.intensity, dimensions) * (model.w * one.falloff * profile))
+        return 1 - dark
+
+
+# --- lights ---
+
+
+def _center(scene: Scene) -> np.ndarray:
+    return np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
+
+
+def _light(light: AbstractLight, model: str, center: np.ndarray) -> AbstractLight:
+    """The light in a simpler model that agrees with it at the object's centre."""
+    if isinstance(light, Polygon) and model == "polygon, unclipped":
+        return eqx.tree_at(lambda one: one.vertices, _unclipped(light), light.vertices)
+    if not isinstance(light, Point | Polygon) or model.startswith("polygon") or (isinstance(light, Point) and model == "point"):
+        return light
+    middle = light.position if isinstance(light, Point) else jnp.mean(light.vertices, axis=0)
+    way = middle - jnp.asarray(center, middle.dtype)
+    distance = jnp.sqrt(jnp.sum(way * way))
+    if isinstance(light, AbstractRayLight):
+        irradiance = light.arriving(Vector(*center.tolist()))[1]
+    else:
+        irradiance = light.irradiance(Vector(*jnp.asarray(center, middle.dtype)), Vector(*(way / distance)))
+    intensity = light.intensity * irradiance
+    if model == "point":
+        return Point(middle, intensity * distance**2, constant_attenuation=0.0, quadratic_attenuation=1.0)
+    return Distant(way, intensity)
+
+
+def _unclipped(light: Polygon) -> Polygon:
+    return Polygon(light.vertices, light.intensity, two_sided=light.two_sided, horizon_clipping=False)

@@ -1,0 +1,303 @@
+"""What each rung errs and costs in a scene, and the budget for a tolerance, verified by rendering it.
+
+The reference is the full model: every knob at its dearest rung, and the exact sphere where an icosphere stands for one. A rung
+is measured by itself, all other knobs at their dearest. Costs of combinations are products of the rungs' measured costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from brdfcheck.budgets import scenes
+from brdfcheck.budgets.choice import REFUSED, Combination, Fault, Search, pooled
+from brdfcheck.budgets.knobs import Knob, Plan, knobs_of, plan_of, refusal_of
+from brdfcheck.budgets.programs import Compiler, Image, Program, timed
+from brdfcheck.budgets.scenes import Scene
+from brdfcheck.messages import one_line
+from brdfcheck.precision import double_precision
+from brdfcheck.scene.colour import encode_srgb
+
+# Tolerances, over the one that is asked for, whose choices are rendered for the chart.
+_AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
+
+
+class BudgetError(ValueError):
+    """No combination is within the tolerance, or the chosen one is not when it is rendered again."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One rung by itself: its error, its cost over the dearest, median seconds. `refused`: why it is never chosen."""
+
+    name: str
+    fault: Fault
+    cost: float = 1.0
+    seconds: float = 0.0
+    work: float = 0.0
+    refused: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A knob's chosen rung, and the next dearer rung with a smaller error, None where there is none."""
+
+    knob: Knob
+    chosen: Rung
+    dearer: Rung | None
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The cheapest combination within a tolerance.
+
+    `predicted`: the sum of the errors of its rungs; `error`: that of its picture, or of its worst rung alone if that is larger;
+    `verified`: of the picture, rendered once more. Errors of pixels are in units of full scale, after the transfer curve, those
+    of energy relative. `seconds` beside `full_seconds`, of the dearest combination: medians of one run. `points`: (cost, error,
+    "frontier" or "other") of the combinations that were rendered; `cost`: the chosen one's place among them.
+    """
+
+    scene: Scene
+    tolerance: Fault
+    rows: tuple[Row, ...]
+    predicted: Fault
+    error: Fault
+    verified: Fault
+    cost: float
+    seconds: float
+    full_seconds: float
+    noise: float
+    combinations: int
+    points: tuple[tuple[float, float, str], ...]
+    ladders: Mapping[str, tuple[Rung, ...]]
+    reference: Image = field(repr=False)
+    image: Image = field(repr=False)
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """The rung of each knob, by name."""
+        return {row.knob.name: row.chosen.name for row in self.rows}
+
+    @property
+    def saving(self) -> float:
+        """How many times faster than the full model the budgeted picture is."""
+        return self.full_seconds / self.seconds
+
+
+@dataclass
+class Measured:
+    """The rungs of a scene's knobs, and the search over their combinations. Made by `measure`."""
+
+    scene: Scene
+    knobs: tuple[Knob, ...]
+    ladders: dict[str, tuple[Rung, ...]]
+    search: Search
+    noise: float
+    view: _View
+
+    def choose(self, tolerance: Any = None) -> Budget:
+        """The budget for a tolerance of a pixel, as in "0.5/255", by default the scene's; that of the energy is the scene's.
+
+        ValueError for a tolerance that is none; BudgetError where no combination is within it.
+        """
+        pixel = self.scene.pixel if tolerance is None else scenes.tolerance_of(tolerance)
+        limit = Fault(pixel, self.scene.energy)
+        with double_precision():
+            combination = self.search.best(limit)
+            if combination is None:
+                raise BudgetError(self._hopeless(limit))
+            for share in _AROUND:  # what other tolerances would have chosen: the frontier about this one
+                self.search.best(limit._replace(pixel=min(pixel * share, 1.0)))
+            return self._budget(combination, limit)
+
+    def _hopeless(self, limit: Fault) -> str:
+        self.search.error(self._dearest)
+        least = min(self.search.errors.values())
+        energy = f" and {limit.energy:.2g} of the energy" if np.isfinite(limit.energy) else ""
+        return (
+            f"{self.scene.label}: no combination is within {limit.pixel:.3g} of full scale{energy}; the best one found errs"
+            f" {least.pixel:.3g} and {least.energy:.2g} of the energy"
+        )
+
+    @property
+    def _dearest(self) -> Combination:
+        return tuple(len(knob.rungs) - 1 for knob in self.knobs)
+
+    def _choice(self, combination: Combination) -> dict[str, str]:
+        return {knob.name: knob.rungs[i] for knob, i in zip(self.knobs, combination, strict=True)}
+
+    def _budget(self, combination: Combination, limit: Fault) -> Budget:
+        view, search = self.view, self.search
+        programs = [view.program(plan_of(self.scene, self._choice(one))) for one in (self._dearest, combination)]
+        times = timed(programs, 0)
+        image = programs[1].image()
+        verified = view.fault(programs[1], image)
+        if not verified.within(limit):
+            raise BudgetError(
+                f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} where"
+                f" {limit.pixel:.3g} is allowed; render on a machine that repeats its results"
+            )
+        rows = []
+        for knob, i in zip(self.knobs, combination, strict=True):
+            ladder = self.ladders[knob.name]
+            better = [rung for rung in ladder if rung.fault.pixel < ladder[i].fault.pixel and rung.cost >= ladder[i].cost]
+            rows.append(Row(knob, ladder[i], min(better, key=lambda rung: (rung.cost, rung.fault.pixel), default=None)))
+        frontier = set(search.frontier())
+        points = sorted(
+            (
+                (search.cost(one), fault.pixel, "frontier" if one in frontier else "other")
+                for one, fault in search.errors.items()
+                if np.isfinite(fault.pixel)
+            ),
+            key=lambda point: (point[0], -point[1]),
+        )
+        return Budget(
+            self.scene, limit, tuple(rows), search.predicted(combination), search.error(combination), verified,
+            search.cost(combination), times.seconds[1], times.seconds[0], self.noise, len(search.order), tuple(points),
+            self.ladders, view.reference, image,
+        )  # fmt: skip
+
+
+@dataclass
+class _View:
+    """Pictures of a scene against its reference."""
+
+    scene: Scene
+    compiler: Compiler
+    reference: Image
+    covered: Bool[np.ndarray, "height width"]
+
+    def program(self, plan: Plan) -> Program:
+        return self.compiler.program(plan)
+
+    def fault(self, program: Program, image: Image | None = None) -> Fault:
+        """The largest error of a pixel after the transfer curve, and the relative error of the sum in linear light."""
+        picture = np.asarray(program.image() if image is None else image, float)
+        if not np.all(np.isfinite(picture)):
+            return REFUSED
+        reference = self.reference
+        if not self.scene.silhouette:
+            both = self.covered & program.covered()
+            picture, reference = picture[:, both], reference[:, both]
+        if not picture.size:
+            return REFUSED
+        pixel = float(np.max(np.abs(self._shown(picture) - self._shown(reference))))
+        whole = float(np.sum(reference))
+        lost = abs(float(np.sum(picture)) - whole)
+        return Fault(pixel, lost / whole if whole > 0 else (0.0 if lost == 0 else np.inf))
+
+    def _shown(self, linear: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        return encode_srgb(linear) if self.scene.transfer == "srgb" else np.clip(linear, 0, 1)
+
+
+def measure(scene: Any) -> Measured:
+    """Render and time each rung of a scene's knobs. `scene`: a path, a document of its keys, or a `scenes.Scene`.
+
+    Raises UsageError for a scene that is wrong, ValueError where its lights, materials and camera do not go together.
+    """
+    with double_precision():
+        if isinstance(scene, str | Path):
+            scene = scenes.read_scene(scene)
+        elif isinstance(scene, Mapping):
+            scene = scenes.parse_scene(scene)
+        if not isinstance(scene, Scene):
+            raise TypeError(f"a scene is a path, a document or a Scene of brdfcheck.budgets; got {type(scene).__name__}")
+        return _measure(scene)
+
+
+def _measure(scene: Scene) -> Measured:
+    scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
+    knobs, compiler = knobs_of(scene), Compiler(scene)
+    ladder_of = {knob.name: knob for knob in knobs}
+    dearest = {knob.name: knob.rungs[-1] for knob in knobs}
+    base = compiler.program(plan_of(scene, dearest))
+    exact = compiler.program(plan_of(scene, {k: v for k, v in dearest.items() if k != "facets"})) if scene.facets else base
+    reference = exact.image()
+    if not np.all(np.isfinite(reference)):
+        raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")
+    view = _View(scene, compiler, reference, exact.covered())
+    found: dict[tuple[str, int], tuple[Program, Fault]] = {}
+    refused: dict[tuple[str, int], str] = {}
+    for knob in knobs:
+        for i, name in enumerate(knob.rungs):
+            try:
+                program = compiler.program(plan_of(scene, {**dearest, knob.name: name}))
+            except ValueError as error:
+                refused[knob.name, i] = one_line(error).removesuffix("; allow_unvalidated=True renders it all the same")
+                continue
+            except NotImplementedError:  # as a linear solver in float16
+                refused[knob.name, i] = "does not run here"
+                continue
+            fault = view.fault(program)
+            found[knob.name, i] = program, fault
+            if fault == REFUSED:
+                refused[knob.name, i] = "the picture is not finite"
+    # Of lobes in either precision: a stand-in for the power saves more of the time in float64, where a logarithm takes longer.
+    keys, plans = list(found), {}
+    for knob, i in keys:
+        plans[knob, i] = [
+            compiler.program(
+                plan_of(scene, {**dearest, knob: ladder_of[knob].rungs[i], **({"precision": kind} if kind else {})})
+            )
+            for kind in (("", "float32") if knob == "lobe" else ("",))
+        ]
+    programs = [base, *(program for key in keys for program in plans[key])]
+    times = timed(programs, 0)
+    taken = dict(zip([(*key, which) for key in keys for which in range(len(plans[key]))], range(1, len(programs)), strict=True))
+    ladders: dict[str, tuple[Rung, ...]] = {}
+    shares: dict[str, list[list[float]]] = {}
+    for knob in knobs:
+        here = [i for i in range(len(knob.rungs)) if (knob.name, i) in found]
+        shares[knob.name] = []
+        for which in range(2 if knob.name == "lobe" else 1):
+            level = pooled([times.costs[taken[knob.name, i, which]] for i in here], times.noise)
+            # The dearest is 1, whatever it is pooled with.
+            among = {i: cost / level[-1] for i, cost in zip(here, level, strict=True)}
+            shares[knob.name].append([among.get(i, 1.0) for i in range(len(knob.rungs))])
+        ladders[knob.name] = tuple(
+            Rung(
+                name,
+                REFUSED if (knob.name, i) in refused else found[knob.name, i][1],
+                shares[knob.name][0][i],
+                times.seconds[taken[knob.name, i, 0]] if i in here else 0.0,
+                found[knob.name, i][0].work - base.work if i in here else 0.0,
+                refused.get((knob.name, i), ""),
+            )
+            for i, name in enumerate(knob.rungs)
+        )
+
+    def choice(combination: Combination) -> dict[str, str]:
+        return {knob.name: knob.rungs[i] for knob, i in zip(knobs, combination, strict=True)}
+
+    def cost(combination: Combination) -> float:
+        column = 0 if choice(combination)["precision"] == "float64" else -1
+        return float(np.prod([shares[knob.name][column][i] for knob, i in zip(knobs, combination, strict=True)]))
+
+    search = Search(
+        own=[[rung.fault for rung in ladders[knob.name]] for knob in knobs],
+        cost=cost,
+        work=lambda combination: sum(ladders[k.name][i].work for k, i in zip(knobs, combination, strict=True)),
+        picture=lambda combination: view.fault(compiler.program(plan_of(scene, choice(combination)))),
+        allowed=lambda combination: not refusal_of(scene, choice(combination)),
+    )
+    return Measured(scene, knobs, ladders, search, times.noise, view)
+
+
+def budget(scene: Any, tolerance: Any = None) -> Budget:
+    """The cheapest combination of models whose picture of the scene is within `tolerance` of the full one.
+
+    `scene`: a path of a TOML file, a document with its keys, or a `brdfcheck.budgets.scenes.Scene`. `tolerance`: of a pixel, a
+    number in units of full scale or a text, "0.5/255"; by default the scene's own. Computed in float64 whatever the process
+    runs in. Nothing that `brdfcheck.check` does not call conserving is chosen.
+
+    Raises UsageError for a scene that is wrong, ValueError for a tolerance that is none, and BudgetError, a ValueError, where
+    no combination is within it.
+    """
+    if tolerance is not None:
+        scenes.tolerance_of(tolerance)
+    return measure(scene).choose(tolerance)

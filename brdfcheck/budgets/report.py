@@ -1,0 +1,162 @@
+"""A budget as a record, a table, a chart of error against cost, and pictures side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from brdfcheck import plots, records
+from brdfcheck.budgets.choice import Fault
+from brdfcheck.budgets.measure import Budget, Rung
+from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.scene.drawing import color_scale, false_color, stacked
+from brdfcheck.scene.images import contact_sheet
+
+_LEAST, _MOST = 1e-6, 1.0
+_COLOR, _GREY = "#D55E00", "#888888"
+
+
+def steps(budget: Budget) -> int:
+    """Steps of the output in full scale, in which errors are told: 255 or 65535."""
+    return 2**budget.scene.bits - 1
+
+
+def _fault(fault: Fault) -> dict[str, Any]:
+    return {"pixel": records.number(fault.pixel), "energy": records.number(fault.energy)}
+
+
+def _rung(rung: Rung) -> dict[str, Any]:
+    return {
+        "rung": rung.name, "error": _fault(rung.fault), "cost": rung.cost, "seconds": rung.seconds, "refused": rung.refused
+    }  # fmt: skip
+
+
+def document(budget: Budget) -> dict[str, Any]:
+    """The record of a budget: errors of pixels in units of full scale, costs as shares of the dearest combination's."""
+    scene = budget.scene
+    rows = [
+        {
+            "knob": row.knob.name,
+            "title": row.knob.title,
+            **_rung(row.chosen),
+            "dearer": None if row.dearer is None else _rung(row.dearer),
+            "ladder": [_rung(rung) for rung in budget.ladders[row.knob.name]],
+        }
+        for row in budget.rows
+    ]
+    settings = {
+        "scene": scene.label, "size": list(scene.picture.size), "bits": scene.bits, "transfer": scene.transfer,
+        "silhouette": scene.silhouette, "tolerance": _fault(budget.tolerance), "precision": "float64",
+    }  # fmt: skip
+    summary = {
+        "chosen": budget.chosen, "predicted": _fault(budget.predicted), "error": _fault(budget.error),
+        "verified": _fault(budget.verified), "cost": budget.cost, "seconds": budget.seconds,
+        "full_seconds": budget.full_seconds, "saving": budget.saving, "noise": budget.noise,
+        "combinations": budget.combinations, "points": [list(point) for point in budget.points],
+    }  # fmt: skip
+    return records.document(f"budget {scene.label}", rows, settings=settings, summary=summary)
+
+
+def in_steps(error: float, full: int) -> str:
+    """An error of a pixel in steps of the output, as one writes it; "refused" where it is infinite."""
+    return f"{error * full:.3g}" if np.isfinite(error) else "refused"
+
+
+def cells(record: Mapping[str, Any]) -> tuple[Sequence[str], list[Sequence[str]]]:
+    """The header and the rows of the table, for a person."""
+    full = 2 ** record["settings"]["bits"] - 1
+    header = ("knob", "chosen", f"error, 1/{full}", "energy", "cost", "the next dearer rung would buy")
+    rows = []
+    for row in record["results"]:
+        dearer = row["dearer"]
+        buys = "nothing: no rung errs less"
+        if dearer is not None:
+            more = dearer["cost"] / row["cost"] - 1
+            buys = f"{dearer['rung']}: error {in_steps(dearer['error']['pixel'], full)} for {max(more, 0):.0%} more"
+        error = row["error"]
+        rows.append(
+            (row["title"], row["rung"], in_steps(error["pixel"], full), f"{error['energy']:.2g}", f"{row['cost']:.2f}", buys)
+        )
+    return header, rows
+
+
+def sentences(record: Mapping[str, Any]) -> list[str]:
+    """What holds of the whole, a line each."""
+    settings, summary = record["settings"], record["summary"]
+    full, tolerance = 2 ** settings["bits"] - 1, settings["tolerance"]
+    energy = "" if isinstance(tolerance["energy"], str) else f", energy {tolerance['energy']:.2g}"
+    refused = [(row["title"], rung) for row in record["results"] for rung in row["ladder"] if rung["refused"]]
+    return [
+        f"tolerance  {in_steps(tolerance['pixel'], full)}/{full} of a pixel{energy}",
+        f"predicted  {in_steps(summary['predicted']['pixel'], full)}/{full}, energy {summary['predicted']['energy']:.2g}",
+        f"verified   {in_steps(summary['verified']['pixel'], full)}/{full}, energy {summary['verified']['energy']:.2g}"
+        " (rendered)",
+        f"time       {1e3 * summary['seconds']:.3g} ms beside {1e3 * summary['full_seconds']:.3g} ms of the full model:"
+        f" {summary['saving']:.2f} times faster",
+        *(f"refused    {title} {rung['rung']}: {rung['refused']}" for title, rung in refused),
+    ]
+
+
+def chart(record: Mapping[str, Any]) -> Any:
+    """Error against cost: the rungs by themselves, the combinations that were rendered, the frontier, the chosen one."""
+    with plots.house_style():
+        figure = plots.empty(7.0, 4.6)
+        draw(figure.subplots(), record)
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncol=5, handlelength=2.0)
+    return figure
+
+
+def draw(axes: Any, record: Mapping[str, Any], *, label: bool = True) -> None:
+    """The chart on axes of one's own, within the house's style."""
+    full, summary = 2 ** record["settings"]["bits"] - 1, record["summary"]
+    tolerance = record["settings"]["tolerance"]["pixel"] * full
+    floor = max(min(tolerance, 1.0) * 1e-4, 1e-7)
+
+    def shown(error: float) -> float:
+        return max(error * full, floor)
+
+    rungs = [rung for row in record["results"] for rung in row["ladder"] if not rung["refused"]]
+    axes.plot(
+        [rung["cost"] for rung in rungs], [shown(rung["error"]["pixel"]) for rung in rungs],
+        "o", color=_GREY, markersize=3, alpha=0.7, label="one knob turned",
+    )  # fmt: skip
+    points = [(cost, shown(error), kind) for cost, error, kind in summary["points"]]
+    others = [(x, y) for x, y, kind in points if kind == "other"]
+    if others:
+        axes.plot(*zip(*others, strict=True), "s", color="#56B4E9", markersize=4, label="rendered combination")
+    frontier = [(x, y) for x, y, kind in points if kind == "frontier"]
+    axes.plot(*zip(*frontier, strict=True), "-s", color="#0072B2", markersize=4, drawstyle="steps-post", label="frontier")
+    chosen = (summary["cost"], shown(summary["error"]["pixel"]))
+    axes.plot(*chosen, "*", color=_COLOR, markersize=13, markeredgecolor="white", zorder=5, label="chosen", clip_on=False)
+    axes.axhspan(floor / 3, tolerance, color="#009E73", alpha=0.08, linewidth=0)
+    axes.axhline(tolerance, color="#009E73", linewidth=1, dashes=(4, 2), label=f"tolerance {plots.text_of(tolerance, 3)}")
+    top = max([shown(rung["error"]["pixel"]) for rung in rungs] + [tolerance]) * 4
+    low = min([rung["cost"] for rung in rungs] + [x for x, _, _ in points])
+    high = max([rung["cost"] for rung in rungs] + [1.0])
+    axes.set(xscale="log", yscale="log", ylim=(floor / 3, top), xlim=(low / 1.3, high * 1.3))
+    ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5) if low / 1.3 <= tick <= high * 1.3]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    decades = [k for k in range(-9, 6) if floor * 3 < 10.0**k < top]
+    decades = decades[:: 1 + len(decades) // 6]
+    axes.set_yticks([floor, *(10.0**k for k in decades)], ["0", *(plots.text_of(10.0**k, 3) for k in decades)])
+    axes.minorticks_off()
+    axes.grid(True)
+    if label:
+        axes.set(xlabel="cost, as a share of the full model's", ylabel=f"largest error of a pixel, 1/{full}")
+
+
+def pictures(budget: Budget) -> Float[np.ndarray, "3 height width"]:
+    """The full picture, the budgeted one and their difference in false colour, with its scale, as one linear image."""
+    scene = budget.scene
+    images = [np.clip(np.asarray(image, float), 0, None) for image in (budget.reference, budget.image)]
+    shown = [encode_srgb(image) if scene.transfer == "srgb" else np.clip(image, 0, 1) for image in images]
+    apart = np.max(np.abs(shown[0] - shown[1]), axis=0)
+    columns = ("full model", "budget", f"difference, at most {np.max(apart):.2g}")
+    # Small pictures are enlarged, so that their captions fit.
+    times = max(1, -(-200 // images[0].shape[2]))
+    large = [np.repeat(np.repeat(image, times, 1), times, 2) for image in (*images, false_color(apart, _LEAST, _MOST))]
+    sheet = contact_sheet([large], columns=columns)
+    return stacked(sheet, color_scale(sheet.shape[2], "difference of a pixel in units of full scale", _LEAST, _MOST))

@@ -1,0 +1,433 @@
+"""Budgets: the search against brute force and its promises; knobs against what they stand for; real scenes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import brdfcheck
+from brdfcheck.budgets import knobs, report, scenes
+from brdfcheck.budgets.choice import REFUSED, Fault, Search, pooled
+from brdfcheck.budgets.measure import Budget, BudgetError, measure
+from brdfcheck.budgets.programs import Compiler
+from brdfcheck.messages import UsageError
+from brdfcheck.scene.images import codes
+from brdfcheck.scene.materials import Highlight, Translucent
+from brdfcheck.transport import box, direct, neumann_series
+
+GLOSSY = {
+    "size": 48,
+    "material": {
+        "kind": "surface",
+        "terms": [{"brdf": "lambert", "tint": [0.6, 0.3, 0.1]}, {"brdf": "blinn-phong", "tint": 0.2, "n": 50}],
+    },
+    "lights": [
+        {"kind": "point", "position": [3, 3, 5], "intensity": 60, "constant_attenuation": 0, "quadratic_attenuation": 1}
+    ],
+}
+MATT = {"kind": "surface", "terms": [{"brdf": "lambert", "tint": [0.6, 0.3, 0.1]}]}
+DISTANT = {"kind": "distant", "direction": [1, 1, 1], "intensity": 2}
+PANEL = {"kind": "polygon", "vertices": [[2, -1, -1], [2, 1, -1], [2, 1, 1], [2, -1, 1]], "intensity": 1}
+
+
+ROOM = {"reflectance": 0.5, "emission": 1}
+
+
+@pytest.fixture(scope="module")
+def glossy():
+    return measure(GLOSSY)
+
+
+# --- the search ---
+
+
+@st.composite
+def searches(draw):
+    """Ladders of random costs, works and errors; pictures that err up to the sum of their rungs, or cancel."""
+    sizes = draw(st.lists(st.integers(1, 4), min_size=1, max_size=3))
+    number = st.floats(0, 1).map(lambda x: round(x, 2))
+    own = [[Fault(draw(number), draw(number)) for _ in range(size - 1)] + [Fault(0.0, 0.0)] for size in sizes]
+    if draw(st.booleans()):
+        own[0][0] = REFUSED if sizes[0] > 1 else own[0][0]
+    combinations = list(itertools.product(*(range(size) for size in sizes)))
+    cost = {one: draw(st.sampled_from([0.1, 0.5, 0.5, 1.0])) for one in combinations}
+    work = {one: float(draw(st.integers(0, 2))) for one in combinations}
+    share = {one: draw(number) for one in combinations}
+    forbidden = {one for one in combinations[:-1] if draw(st.integers(0, 5)) == 0}
+
+    def picture(one):
+        assert all(np.isfinite(own[k][i].pixel) for k, i in enumerate(one)), "a refused rung was rendered"
+        return Fault(
+            share[one] * sum(own[k][i].pixel for k, i in enumerate(one)), sum(own[k][i].energy for k, i in enumerate(one))
+        )
+
+    return lambda: Search(own, cost.__getitem__, work.__getitem__, picture, lambda one: one not in forbidden), combinations
+
+
+@given(searches(), st.lists(st.floats(0, 3), min_size=2, max_size=6), st.sampled_from([0.3, 1.0, math.inf]))
+def test_the_choice_is_monotone_and_does_not_depend_on_what_was_asked_before(made, tolerances, energy):
+    make, combinations = made
+    search, backwards = make(), make()
+    chosen = [(t, search.best(Fault(t, energy))) for t in sorted(tolerances)]
+    assert [backwards.best(Fault(t, energy)) for t in sorted(tolerances, reverse=True)] == [one for _, one in reversed(chosen)]
+    for (_, tight), (_, loose) in itertools.pairwise(chosen):
+        assert tight is not None
+        assert loose is not None
+        assert search.cost(loose) <= search.cost(tight)
+        assert search.error(tight).pixel <= search.error(loose).pixel or search.cost(loose) < search.cost(tight)
+        # As a tighter one never errs more:
+        assert search.error(tight).pixel <= search.error(loose).pixel
+    for tolerance, one in chosen:
+        assert search.error(one).within(Fault(tolerance, energy))
+        good = [
+            other
+            for other in combinations
+            if search.least(other).within(Fault(tolerance, energy))
+            and search.error(other).within(Fault(tolerance, energy))
+            and search.allowed(other)
+        ]
+        assert search.cost(one) == min(map(search.cost, good))
+
+
+def test_errors_that_cancel_are_not_counted_on():
+    own = [[Fault(0.4, 0), Fault(0, 0)], [Fault(0.4, 0), Fault(0, 0)]]
+    search = Search(own, lambda one: 0.5 ** sum(i == 0 for i in one), lambda _: 0.0, lambda _: Fault(0.0, 0.0))
+    assert search.best(Fault(0.3, math.inf)) == (1, 1)
+    assert search.best(Fault(0.4, math.inf)) == (0, 0)
+    assert search.error((0, 0)).pixel == 0.4
+
+
+def test_a_combination_that_is_never_good_enough_is_not_rendered():
+    rendered = []
+
+    def picture(one):
+        rendered.append(one)
+        return Fault(0.0, 0.0)
+
+    search = Search([[Fault(0.5, 0), Fault(0, 0)]], lambda one: one[0] + 1.0, lambda _: 0.0, picture)
+    assert search.best(Fault(0.1, math.inf)) == (1,)
+    assert rendered == [(1,)]
+    assert search.best(Fault(0.5, math.inf)) == (0,)
+
+
+def test_equal_costs_go_by_operations_then_by_errors():
+    own = [[Fault(0.2, 0), Fault(0.1, 0), Fault(0, 0)]]
+    assert Search(own, lambda _: 1.0, lambda one: -one[0], lambda _: Fault(0, 0)).best(Fault(1, 1)) == (2,)
+    assert Search(own, lambda _: 1.0, lambda one: one[0] == 2, lambda _: Fault(0, 0)).best(Fault(1, 1)) == (1,)
+
+
+def test_costs_within_the_noise_are_one():
+    assert pooled([1.0, 2.0, 1.04], 0.05) == pytest.approx([1.02, 2.0, 1.02])
+    assert pooled([1.0, 2.0, 1.06], 0.05) == [1.0, 2.0, 1.06]
+    assert pooled([], 0.1) == []
+    with pytest.raises(ValueError, match="noise must be >= 0"):
+        pooled([1.0], -1)
+
+
+# --- a scene with a highlight ---
+
+
+def test_the_choice_is_verified_by_an_image_of_its_own(glossy):
+    budget = glossy.choose("4/255")
+    scene = glossy.scene
+    again = Compiler(scene).program(knobs.plan_of(scene, budget.chosen)).image()
+    full = Compiler(scene).program(knobs.plan_of(scene, {})).image()
+    # By the codes of a file of 16 bits, not by the budget's own measure.
+    apart = np.abs(codes(again, 16).astype(float) - codes(full, 16).astype(float)).max() / 65535
+    assert apart == pytest.approx(budget.verified.pixel, abs=1.1 / 65535)
+    assert budget.verified.pixel <= budget.error.pixel <= 4 / 255
+    energy = abs(again.astype(float).sum() / full.astype(float).sum() - 1)
+    assert budget.verified.energy == pytest.approx(energy, rel=1e-6)
+    assert budget.seconds > 0
+    assert budget.saving == budget.full_seconds / budget.seconds
+
+
+def test_the_full_model_is_the_scene_as_render_shows_it(glossy):
+    from brdfcheck.scene.sphere import sphere_image
+
+    picture = scenes.parse_scene(GLOSSY).picture
+    shown = sphere_image(picture.material, picture.lights, picture.camera, size=picture.size, dtype=jnp.float64)
+    np.testing.assert_allclose(glossy.view.reference, shown, atol=1e-13)
+
+
+def test_what_does_not_conserve_is_never_chosen(glossy):
+    ladder = {rung.name: rung for rung in glossy.ladders["lobe"]}
+    refused = ladder["Schlick, factor of the power"]
+    assert "VIOLATES" in refused.refused
+    assert refused.fault == REFUSED
+    assert all(not rung.refused for name, rung in ladder.items() if name != refused.name)
+    for tolerance in (0, "0.5/255", 0.1, 0.5, 1):
+        assert glossy.choose(tolerance).chosen["lobe"] != refused.name
+
+
+def test_a_sum_that_does_not_conserve_is_never_chosen():
+    # Schlick's lobe with a factor that conserves, over a base that leaves no room for a Fresnel term: each passes, the sum not.
+    scene = scenes.parse_scene(GLOSSY)
+    assert knobs.refusal_of(scene, {"lobe": "Schlick, exact factor"}) == ""
+    term = scene.picture.material.terms[1]
+    shiny = knobs.Surface(knobs.Term("lambert", 0.9), knobs.Term("blinn-phong", 0.2, n=50.0), allow_unvalidated=True)
+    broken = scenes.Scene(picture=scene.picture.__class__(shiny, scene.picture.lights, scene.picture.camera))
+    assert "more than arrives" in knobs.refusal_of(broken, {"precision": "float32"})
+    assert term.name == "blinn-phong"
+
+
+@given(tolerances=st.lists(st.floats(0, 0.6), min_size=2, max_size=3))
+def test_monotone_in_a_real_scene(glossy, tolerances):
+    found = [glossy.search.best(Fault(t, math.inf)) for t in sorted(tolerances)]
+    for tight, loose in itertools.pairwise(found):
+        assert glossy.search.cost(loose) <= glossy.search.cost(tight)
+        assert glossy.search.error(tight).pixel <= glossy.search.error(loose).pixel
+
+
+def test_nothing_is_simplified_at_tolerance_zero(glossy):
+    budget = glossy.choose(0)
+    assert budget.verified == Fault(0.0, 0.0)
+    assert budget.chosen["precision"] == "float64"
+    assert budget.chosen["lobe"] == "power, exact factor"
+
+
+def test_factors_are_one_program_and_one_cost(glossy):
+    scene, compiler = glossy.scene, Compiler(glossy.scene)
+    names = [f"Lyon w=2, {factor}" for factor in ("factor of the power", "two constants", "exact factor")]
+    programs = [compiler.program(knobs.plan_of(scene, {"lobe": name})) for name in names]
+    assert len({id(program.compiled) for program in programs}) == 1
+    costs = {rung.cost for rung in glossy.ladders["lobe"] if rung.name in names}
+    assert len(costs) == 1
+
+
+def test_an_energy_that_matters_is_kept(glossy):
+    loose = glossy.search.best(Fault(0.2, math.inf))
+    tight = glossy.search.best(Fault(0.2, 1e-3))
+    assert glossy.search.error(tight).energy <= 1e-3 < glossy.search.error(loose).energy
+
+
+# --- what rungs stand for ---
+
+
+def at_center(light, *, irradiance):
+    from brdfcheck.scene.values import Vector
+
+    way, found = light.arriving(Vector(0.0, 0.0, 0.0))
+    assert float(found * light.intensity[0]) == pytest.approx(irradiance, rel=1e-6)
+    return np.array([float(part) for part in way])
+
+
+def test_simpler_lights_agree_at_the_centre():
+    panel = scenes.parse_scene({"material": MATT, "lights": [PANEL]})
+    light = panel.picture.lights[0]
+    from brdfcheck.scene.values import Vector
+
+    facing = float(light.irradiance(Vector(*jnp.zeros(3)), Vector(*jnp.array([1.0, 0.0, 0.0]))))
+    for model in ("point", "distant"):
+        plan = knobs.plan_of(panel, {"light": model})
+        np.testing.assert_allclose(at_center(plan.lights[0], irradiance=facing), [1, 0, 0], atol=1e-12)
+    assert knobs.plan_of(panel, {"light": "polygon"}).lights[0] is light
+    unclipped = knobs.plan_of(panel, {"light": "polygon, unclipped"}).lights[0]
+    assert not unclipped.horizon_clipping
+    point = scenes.parse_scene(GLOSSY)
+    far = knobs.plan_of(point, {"light": "distant"}).lights[0]
+    at_center(far, irradiance=60 / 43)
+
+
+def test_metal_as_a_power_agrees_at_the_highlight():
+    scene = scenes.parse_scene(
+        {"material": {"kind": "metal", "base": 1.0, "lobes": [[0.04, 0.2]], "d": 0.0}, "lights": [DISTANT]}
+    )
+    half = knobs.plan_of(scene, {"metal": "power of N.H (15)"}).material.lobes[0]
+    mirror = knobs.plan_of(scene, {"metal": "power of R.V (16)"}).material.lobes[0]
+    np.testing.assert_allclose(half, [[1.0, 46.0]])
+    np.testing.assert_allclose(mirror, [[1.0, 11.5]])
+    angle = 1e-3
+    facets = math.exp(-(math.tan(angle) ** 2) / 0.04) / math.cos(angle) ** 4
+    assert math.cos(angle) ** 46 == pytest.approx(facets, abs=1e-9)
+
+
+@pytest.mark.parametrize("model", [Highlight((0.3, 0.5, 0.8), n=14.0), Translucent((0.3, 0.5, 0.8), behind=0.4, n=14.0)])
+def test_painted_lobes_are_the_model_with_another_profile(model):
+    from brdfcheck.lobes import BinomialPower, Phong
+    from brdfcheck.scene.lights import Distant
+    from brdfcheck.scene.sphere import sphere_image
+
+    lights, size = [Distant((1, 1, 1), 0.9), Distant((-1, 0, 1), 0.4)], (40, 40)
+    exact = sphere_image(model, lights, size=size, dtype=jnp.float64)
+    same = sphere_image(knobs.Painted(model, Phong(14.0)), lights, size=size, dtype=jnp.float64)
+    np.testing.assert_allclose(same, exact, atol=1e-12)
+    other = sphere_image(knobs.Painted(model, BinomialPower(14.0, form="mirror")), lights, size=size, dtype=jnp.float64)
+    assert 1e-3 < float(jnp.max(jnp.abs(other - exact))) < 0.1
+
+
+def room_image(bounces, reflectance=0.7):
+    document = {"size": 16, "material": MATT, "lights": [], "room": {"reflectance": reflectance, "emission": 1.5}}
+    scene = scenes.parse_scene(document)
+    return Compiler(scene).program(knobs.plan_of(scene, {"bounces": bounces})).image()[:, 8, 8]
+
+
+def test_bounces_are_those_of_the_transport():
+    cube = box(cells=4)
+    emission = cube.on_wall(5, 1.5)
+    for bounces in (0, 2, 8):
+        series = neumann_series(cube, emission, 0.7, terms=bounces + 1)
+        expected = float(cube.mean(series.value)) / math.pi
+        np.testing.assert_allclose(room_image(str(bounces)), np.array([0.6, 0.3, 0.1]) * expected, rtol=1e-12)
+    expected = float(cube.mean(direct(cube, emission, 0.7).value)) / math.pi
+    np.testing.assert_allclose(room_image("all"), np.array([0.6, 0.3, 0.1]) * expected, rtol=1e-12)
+
+
+def test_the_albedo_by_a_rule_tends_to_the_furnace():
+    surface = {"kind": "surface", "terms": [{"brdf": "phong", "tint": 0.8, "n": 20}, {"brdf": "lambert", "tint": 0.1}]}
+    scene = scenes.parse_scene({"size": 12, "material": surface, "lights": [{"kind": "environment", "intensity": 0.9}]})
+    compiler = Compiler(scene)
+    furnace = compiler.program(knobs.plan_of(scene, {})).image()
+    errors = [
+        np.abs(compiler.program(knobs.plan_of(scene, {"quadrature": count})).image() - furnace).max() for count in ("2", "32")
+    ]
+    assert errors[0] > 1e-2
+    assert errors[1] < 2e-5  # what the furnace itself is good for
+
+
+def test_facets_approach_the_sphere():
+    scene = scenes.parse_scene({"size": 24, "geometry": {"kind": "icosphere"}, "material": MATT, "lights": [DISTANT]})
+    compiler = Compiler(scene)
+    exact = compiler.program(knobs.plan_of(scene, {}))
+    found = []
+    for name in ("20 faces, flat", "320 faces, Phong"):
+        program = compiler.program(knobs.plan_of(scene, {"facets": name}))
+        both = program.covered() & exact.covered()
+        assert 200 < both.sum() <= exact.covered().sum()
+        found.append(np.abs(program.image() - exact.image())[:, both].max())
+    assert found[0] > 2 * found[1] > 0
+
+
+def test_no_combination_good_enough_is_an_error(monkeypatch):
+    monkeypatch.setattr(knobs, "_LEVELS", range(1))
+    monkeypatch.setattr(knobs, "PRECISIONS", ("float64",))
+    scene = {"size": 24, "geometry": {"kind": "icosphere"}, "material": MATT, "lights": [DISTANT]}
+    with pytest.raises(BudgetError, match=r"no combination is within 0.00196 of full scale; the best one found errs 0\.\d+"):
+        brdfcheck.budget(scene)
+
+
+# --- knobs that a scene has ---
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, ["lobe", "light", "precision"]),
+        ({"lights": [DISTANT]}, ["lobe", "precision"]),
+        ({"material": MATT, "lights": [PANEL]}, ["light", "precision"]),
+        ({"lights": [{"kind": "environment"}]}, ["lobe", "quadrature", "precision"]),
+        ({"room": {"reflectance": 0.5, "emission": 1}}, ["lobe", "light", "bounces", "precision"]),
+        ({"geometry": {"kind": "icosphere"}, "lights": [DISTANT]}, ["lobe", "facets", "precision"]),
+        ({"geometry": {"kind": "zigzag"}, "lights": [DISTANT]}, ["lobe", "shading", "precision"]),
+        ({"material": {"kind": "translucent", "base": 0.5}, "lights": [DISTANT]}, ["lobe", "precision"]),
+        ({"material": {"kind": "metal", "base": 1.0, "lobes": [[0.04, 0.2]]}, "lights": [DISTANT]}, ["metal", "precision"]),
+    ],
+)
+def test_a_scene_offers_only_the_knobs_it_has(change, expected):
+    assert [knob.name for knob in knobs.knobs_of(scenes.parse_scene({**GLOSSY, **change}))] == expected
+
+
+def test_a_fresnel_term_has_the_rungs_below_its_own():
+    def ladder(name):
+        terms = [{"brdf": "cook-torrance", "tint": 0.5, "m": 0.3, "fresnel": name}]
+        scene = scenes.parse_scene({"material": {"kind": "surface", "terms": terms}, "lights": [DISTANT]})
+        found = {knob.name: knob.rungs for knob in knobs.knobs_of(scene)}
+        return scene, found["fresnel"], found["metal"]
+
+    assert ladder("schlick")[1] == ("constant", "Schlick")
+    scene, rungs, metals = ladder("exact")
+    assert rungs == ("constant", "Schlick", "exact")
+    assert metals == ("power of N.H", "microfacets")
+    plan = knobs.plan_of(scene, {"fresnel": "constant", "metal": "power of N.H"})
+    assert plan.material.terms[0].fresnel == "none"
+    assert float(plan.material.terms[0].brdf.lobe.n) == pytest.approx(2 / 0.09 - 2)
+
+
+# --- reading ---
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"output": {"bits": 9}}, "output.bits must be 8 or 16; got 9"),
+        ({"output": {"transfer": "log"}}, "output.transfer must be one of srgb, linear; got 'log'"),
+        ({"output": 8}, "output must be a table"),
+        ({"matters": {"pixel": "1/0"}}, "matters.pixel must be a number from 0 to 1 or a fraction"),
+        ({"matters": {"pixel": True}}, "matters.pixel must be a number"),
+        ({"matters": {"energy": -1}}, "matters.energy must be a number"),
+        ({"matters": {"silhouette": 1}}, "matters.silhouette must be true or false; got 1"),
+        ({"matters": {"size": 1}}, "matters: unknown key 'size'"),
+        ({"room": {"reflectance": 1.0, "emission": 1}}, "room.reflectance must be below 1; got 1.0"),
+        ({"room": {"reflectance": 0.5}}, "room.emission must be a finite number >= 0; got None"),
+        ({"room": {"reflectance": 0.5, "emission": 1, "cells": 0}}, "room.cells must be an integer from 1 to 12"),
+        ({"size": 16384}, "size must be at most"),
+        ({"allow_unvalidated": True}, "allow_unvalidated has no place"),
+        ({"material": {"kind": "wax"}}, "material.kind must be one of"),
+        (
+            {"material": {"kind": "highlight", "base": 0.5}, "room": {"reflectance": 0.5, "emission": 1}},
+            "a room lights matt terms",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_scene_is_said_in_one_line(change, message):
+    with pytest.raises(UsageError) as caught:
+        scenes.parse_scene({**GLOSSY, **change}, "s.toml")
+    text = str(caught.value)
+    assert text.startswith("s.toml: ")
+    assert message in text
+    assert "\n" not in text
+
+
+def test_tolerances():
+    assert scenes.tolerance_of("0.5/255") == 0.5 / 255
+    assert scenes.tolerance_of(0.25) == scenes.tolerance_of(" 1 / 4") == 0.25
+    for wrong in ("a", "1/2/3", -0.1, 2, None, "nan", [], ""):
+        with pytest.raises(ValueError, match="tolerance must be a number from 0 to 1"):
+            scenes.tolerance_of(wrong)
+    assert scenes.parse_scene({**GLOSSY, "output": {"bits": 16}}).pixel == 0.5 / 65535
+    with pytest.raises(ValueError, match="tolerance must be"):
+        brdfcheck.budget(GLOSSY, "much")
+    with pytest.raises(TypeError, match="a scene is a path"):
+        brdfcheck.budget(3)
+
+
+# --- what is made of it ---
+
+
+def test_the_public_function_works_in_single_precision_too():
+    with jax.enable_x64(False):
+        found = brdfcheck.budget({**GLOSSY, "size": 8, "material": MATT, "lights": [DISTANT]}, 0.5)
+        assert jnp.zeros(1).dtype == jnp.float32
+    assert isinstance(found, Budget)
+    assert isinstance(found, brdfcheck.Budget)
+    assert found.reference.dtype == np.float64
+
+
+def test_the_record_the_table_and_the_figures(glossy):
+    budget = glossy.choose("4/255")
+    record = report.document(budget)
+    assert record["summary"]["chosen"] == budget.chosen
+    assert [row["knob"] for row in record["results"]] == ["lobe", "light", "precision"]
+    header, rows = report.cells(record)
+    assert len({len(row) for row in (header, *rows)}) == 1
+    assert any("verified" in line and "(rendered)" in line for line in report.sentences(record))
+    assert any("Schlick, factor of the power" in line for line in report.sentences(record))
+    kinds = {kind for _, _, kind in budget.points}
+    assert kinds <= {"frontier", "other"}
+    frontier = [(cost, error) for cost, error, kind in budget.points if kind == "frontier"]
+    assert all(a[1] > b[1] for a, b in itertools.pairwise(frontier))
+    from brdfcheck import plots
+
+    first = plots.to_bytes(report.chart(record), ".svg")
+    assert first == plots.to_bytes(report.chart(record), ".svg")
+    assert b"mathdefault" not in first
+    picture = report.pictures(budget)
+    assert picture.shape[0] == 3
+    assert np.all(np.isfinite(picture))

@@ -1,0 +1,116 @@
+"""``brdfcheck budget`` from the words to the files, and all ways in which it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from brdfcheck.cli.process import run
+
+SCENE = """
+size = 16
+[output]
+bits = 8
+[material]
+kind = "metal"
+base = [1.0, 0.7, 0.3]
+lobes = [[0.02, 0.2]]
+[[lights]]
+kind = "distant"
+direction = [1, 1, 1]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_a_budget_with_all_its_files(scene, tmp_path, capsys):
+    files = {name: tmp_path / name for name in ("b.json", "chart.svg", "images.png")}
+    options = ["--json", str(files["b.json"]), "-o", str(files["chart.svg"]), "--images", str(files["images.png"])]
+    assert run(["budget", str(scene), "--tolerance", "0.5/255", *options]) == 0
+    out = capsys.readouterr()
+    assert out.err == ""
+    lines = out.out.splitlines()
+    assert lines[0].split()[:3] == ["knob", "chosen", "error,"]
+    assert lines[1].startswith("metal")
+    assert any(line.startswith("verified") for line in lines)
+    assert any(line.startswith("time") and "full model" in line for line in lines)
+    record = json.loads(files["b.json"].read_text())
+    assert record["schema"] == "brdfcheck-results"
+    assert record["summary"]["verified"]["pixel"] <= 0.5 / 255
+    assert set(record["summary"]["chosen"]) == {"metal", "precision"}
+    assert [row["knob"] for row in record["results"]] == ["metal", "precision"]
+    assert {"rung", "error", "cost", "dearer", "ladder"} <= set(record["results"][0])
+    assert "<svg" in files["chart.svg"].read_text()
+    assert files["images.png"].read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_alone_on_stdout(scene, capsys):
+    assert run(["budget", str(scene), "--json", "-", "--tolerance", "1"]) == 0
+    out = capsys.readouterr()
+    assert json.loads(out.out)["summary"]["saving"] > 0
+    assert "verified" in out.err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "say which scene"),
+        (["none.toml"], "there is no file 'none.toml'"),
+        (["SCENE", "--tolerance", "x"], "--tolerance: must be a number from 0 to 1"),
+        (["SCENE", "--tolerance", "-1"], "--tolerance: must be a number from 0 to 1"),
+        (["SCENE", "-o", "chart.txt"], "--output: the file must end in .png, .svg, .pdf"),
+        (["SCENE", "--images", "x.exr"], "--images: the file must end in .png"),
+        (["SCENE", "--json", "/nowhere/b.json"], "--json: cannot write"),
+        (["SCENE", "--json", "same.png", "-o", "same.png"], "name the same file"),
+        (["SCENE", "--size", "3"], "No such option"),
+    ],
+)
+def test_wrong_words(scene, capsys, words, message):
+    assert run(["budget", *(str(scene) if word == "SCENE" else word for word in words)]) == 4
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("bits = 8", "bits = 12", "output.bits must be 8 or 16; got 12"),
+        ("size = 16", "size = 0", "size"),
+        ("size = 16", "size = ", "is not TOML"),
+        ('kind = "distant"\ndirection = [1, 1, 1]', 'kind = "ambient"', "Metal is lit by Distant, Point and Spot lights only"),
+        ("[output]", '[geometry]\nkind = "sphere"\nradius = 9\n[output]', "inside the sphere"),
+        ("[output]", "[room]\nreflectance = 1.2\nemission = 1\n[output]", "room.reflectance must be below 1"),
+    ],
+)
+def test_wrong_scenes(scene, capsys, old, new, message):
+    assert old in SCENE
+    scene.write_text(SCENE.replace(old, new))
+    assert run(["budget", str(scene)]) == 4
+    error = capsys.readouterr().err
+    assert message in error
+    assert "scene.toml" in error
+    assert error.count("\n") == 1
+
+
+def test_a_tolerance_that_nothing_keeps(scene, capsys, monkeypatch):
+    from brdfcheck.budgets import knobs
+
+    monkeypatch.setattr(knobs, "_LEVELS", range(1))
+    monkeypatch.setattr(knobs, "PRECISIONS", ("float64",))
+    scene.write_text(SCENE.replace("[output]", '[geometry]\nkind = "icosphere"\n[output]'))
+    assert run(["budget", str(scene)]) == 1
+    assert "no combination is within 0.00196" in capsys.readouterr().out
+
+
+def test_help_shows_a_scene(capsys):
+    assert run(["budget", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert "[matters]" in text
+    assert "--tolerance" in text
