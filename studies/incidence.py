@@ -97,7 +97,7 @@ def plot(record: dict[str, Any]) -> Any:
         panels[0].set_xticks([1, 0.5, 0], ["1", "0.5", "0"])
         for axes in panels[len(ratios) - columns : len(ratios)]:  # those with nothing below them
             axes.tick_params(labelbottom=True)
-        where = "cos θ, from normal (left) to grazing (right); curves light to dark as listed; bold: normal incidence is not the worst"
+        where = "cos θ, from normal (left) to grazing; light to dark as listed; bold: normal incidence is not the worst"
         figure.supxlabel(where, fontsize=9)
         figure.supylabel("directional albedo E", fontsize=9)
     return figure

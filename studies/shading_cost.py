@@ -1,0 +1,121 @@
+#!/usr/bin/env python3
+"""How many facets, which interpolation and which precision does a glossy sphere need?
+
+Command: ``brdfcheck study shading_cost`` (or ``python studies/shading_cost.py``). ANSWER_TIME on two cores.
+
+Answer: ANSWER
+
+One sphere of Lambert and Blinn-Phong (n = 30) under two distant lights, 512 x 512 pixels. Meshes are icospheres of 20 to
+20,480 faces. Errors are those of linear RGB to the exact sphere in float64, over the disc: what the silhouette loses is in.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+SHADINGS = {"flat": ("#999999", "s"), "gouraud": ("#E69F00", "^"), "phong": ("#0072B2", "o"), "exact sphere": ("#000000", "*")}
+
+
+def run(size: str = "full") -> dict[str, Any]:
+    """Milliseconds of a warm image, and its errors, for each number of faces, shading and precision."""
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
+
+    from brdfcheck.scene.cameras import Orthographic
+    from brdfcheck.scene.lights import Distant
+    from brdfcheck.scene.materials import Surface, Term
+    from brdfcheck.scene.meshes import icosphere
+    from brdfcheck.scene.smooth import render_mesh
+    from brdfcheck.scene.sphere import sphere_image
+
+    full = size == "full"
+    pixels, levels, rounds = ((512, 512), range(6), 5) if full else ((64, 64), range(1, 3), 1)
+    material = Surface(Term("lambert", (0.5, 0.4, 0.3)), Term("blinn-phong", 0.2, n=30.0))
+    lights = (Distant((0.5, 0.6, 0.62), (3.0, 2.8, 2.5)), Distant((-0.7, 0.1, 0.7), (0.9, 1.0, 1.2)))
+    camera = Orthographic()
+    exact = np.asarray(sphere_image(material, lights, camera, size=pixels, dtype=jnp.float64))
+    disc = np.any(exact > 0, axis=0)
+    jobs: dict[tuple[str, int, str], Any] = {}
+    for dtype in (jnp.float32, jnp.float64):
+        precision = jnp.dtype(dtype).name
+        jobs["exact sphere", 0, precision] = lambda dtype=dtype: sphere_image(
+            material, lights, camera, size=pixels, dtype=dtype
+        )
+        for level in levels:
+            mesh = icosphere(level, dtype)
+            for shading in ("flat", "gouraud", "phong") if dtype == jnp.float32 else ("phong",):
+                jobs[shading, 20 * 4**level, precision] = lambda mesh=mesh, shading=shading: render_mesh(
+                    mesh, camera, material, lights, size=pixels, shading=shading
+                )
+    images = {key: np.asarray(job(), float) for key, job in jobs.items()}
+    best = dict.fromkeys(jobs, float("inf"))
+    for _ in range(rounds):
+        for key, job in jobs.items():
+            began = time.perf_counter()
+            jax.block_until_ready(job())
+            best[key] = min(best[key], time.perf_counter() - began)
+    results = []
+    for (shading, faces, precision), image in images.items():
+        error = np.abs(image - exact)[:, disc]
+        results.append({"shading": shading, "faces": faces, "precision": precision,
+                        "milliseconds": 1e3 * best[shading, faces, precision], "rms": float(np.sqrt(np.mean(error**2))),
+                        "share": float(np.mean(np.any(error > 0.5 / 255, axis=0)))})  # fmt: skip
+    return {"settings": {"pixels": list(pixels), "rounds": rounds}, "results": results, "summary": {}}
+
+
+def plot(record: dict[str, Any]) -> Any:
+    """Error against time; a point is labelled with its faces; float64 is hollow."""
+    from brdfcheck import plots
+    from brdfcheck.plots.paper import plain_log
+    from brdfcheck.plots.precision import frontier
+
+    results = [result for result in record["results"] if result["rms"] > 0]
+    with plots.house_style():
+        figure = plots.empty(8.0, 5.6)
+        axes = figure.subplots()
+        edge = frontier([(result["milliseconds"], result["rms"]) for result in results])
+        axes.plot(*zip(*edge, strict=True), color="#888888", linewidth=3, alpha=0.5, zorder=1, drawstyle="steps-post")
+        for shading, (color, marker) in SHADINGS.items():
+            for precision, fill in (("float32", color), ("float64", "white")):
+                own = [result for result in results if (result["shading"], result["precision"]) == (shading, precision)]
+                places = [(result["milliseconds"], result["rms"]) for result in own]
+                if not places:
+                    continue
+                look: dict[str, Any] = {"color": color, "marker": marker, "markerfacecolor": fill, "linewidth": 0.8}
+                axes.plot(*zip(*places, strict=True), label=f"{shading}, {precision}", **look)
+                for result, place in zip(own, places, strict=True):
+                    if result["faces"] and precision == "float32" and shading != "gouraud":
+                        move = (6, 4) if shading == "flat" else (-6, -9)
+                        side = "left" if shading == "flat" else "right"
+                        axes.annotate(f"{result['faces']:,}", place, move, textcoords="offset points", fontsize=7, ha=side)
+        axes.set(xscale="log", yscale="log")
+        plain_log(axes.yaxis)
+        ticks = [1, 2, 5, 10, 20, 50, 100]
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlim(1, 100)
+        axes.set(xlabel="milliseconds for one image, warm", ylabel="root mean square error of linear RGB")
+        axes.grid(True)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def summary(record: dict[str, Any]) -> str:
+    """The table behind the figure."""
+    from brdfcheck.studies import table
+
+    rows = [
+        (r["shading"], f"{r['faces']:,}" if r["faces"] else "", r["precision"], f"{r['milliseconds']:.2f}", f"{r['rms']:.2g}",
+         f"{100 * r['share']:.2g} %")
+        for r in record["results"]
+    ]  # fmt: skip
+    header = ("shading", "faces", "precision", "ms", "rms error", "pixels off by more than half an 8-bit step")
+    return f"Of {record['settings']['pixels'][0]} x {record['settings']['pixels'][1]} pixels:\n\n{table(header, rows)}"
+
+
+if __name__ == "__main__":
+    from brdfcheck.studies import main
+
+    main(__file__)
