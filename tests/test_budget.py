@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -221,7 +222,7 @@ def at_center(light, *, irradiance):
 
 def test_simpler_lights_agree_at_the_centre():
     panel = scenes.parse_scene({"material": MATT, "lights": [PANEL]})
-    light = panel.picture.lights[0]
+    light: Any = panel.picture.lights[0]
     from brdfcheck.scene.values import Vector
 
     facing = float(light.irradiance(Vector(*jnp.zeros(3)), Vector(*jnp.array([1.0, 0.0, 0.0]))))

@@ -15,7 +15,7 @@ from brdfcheck.scene.colour import encode_srgb
 from brdfcheck.scene.drawing import color_scale, false_color, stacked
 from brdfcheck.scene.images import contact_sheet
 
-_LEAST, _MOST = 1e-6, 1.0
+_LEAST, _MOST = 1e-8, 1.0
 _COLOR, _GREY = "#D55E00", "#888888"
 
 
@@ -75,7 +75,8 @@ def cells(record: Mapping[str, Any]) -> tuple[Sequence[str], list[Sequence[str]]
         buys = "nothing: no rung errs less"
         if dearer is not None:
             more = dearer["cost"] / row["cost"] - 1
-            buys = f"{dearer['rung']}: error {in_steps(dearer['error']['pixel'], full)} for {max(more, 0):.0%} more"
+            price = f"{more:.0%} more time" if more > 0.005 else "no more time that can be measured"
+            buys = f"{dearer['rung']}: error {in_steps(dearer['error']['pixel'], full)} for {price}"
         error = row["error"]
         rows.append(
             (row["title"], row["rung"], in_steps(error["pixel"], full), f"{error['energy']:.2g}", f"{row['cost']:.2f}", buys)
@@ -109,8 +110,8 @@ def chart(record: Mapping[str, Any]) -> Any:
     return figure
 
 
-def draw(axes: Any, record: Mapping[str, Any], *, label: bool = True) -> None:
-    """The chart on axes of one's own, within the house's style."""
+def draw(axes: Any, record: Mapping[str, Any]) -> None:
+    """The chart on axes of one's own, within the house's style, their labels short."""
     full, summary = 2 ** record["settings"]["bits"] - 1, record["summary"]
     tolerance = record["settings"]["tolerance"]["pixel"] * full
     floor = max(min(tolerance, 1.0) * 1e-4, 1e-7)
@@ -132,7 +133,9 @@ def draw(axes: Any, record: Mapping[str, Any], *, label: bool = True) -> None:
     chosen = (summary["cost"], shown(summary["error"]["pixel"]))
     axes.plot(*chosen, "*", color=_COLOR, markersize=13, markeredgecolor="white", zorder=5, label="chosen", clip_on=False)
     axes.axhspan(floor / 3, tolerance, color="#009E73", alpha=0.08, linewidth=0)
-    axes.axhline(tolerance, color="#009E73", linewidth=1, dashes=(4, 2), label=f"tolerance {plots.text_of(tolerance, 3)}")
+    axes.axhline(tolerance, color="#009E73", linewidth=1, dashes=(4, 2), label="tolerance")
+    look = {"textcoords": "offset points", "ha": "right", "va": "bottom", "fontsize": 7.5, "color": "#006B4E"}
+    axes.annotate(plots.text_of(tolerance, 3), (1, tolerance), (-2, 1), xycoords=("axes fraction", "data"), **look)
     top = max([shown(rung["error"]["pixel"]) for rung in rungs] + [tolerance]) * 4
     low = min([rung["cost"] for rung in rungs] + [x for x, _, _ in points])
     high = max([rung["cost"] for rung in rungs] + [1.0])
@@ -144,19 +147,37 @@ def draw(axes: Any, record: Mapping[str, Any], *, label: bool = True) -> None:
     axes.set_yticks([floor, *(10.0**k for k in decades)], ["0", *(plots.text_of(10.0**k, 3) for k in decades)])
     axes.minorticks_off()
     axes.grid(True)
-    if label:
-        axes.set(xlabel="cost, as a share of the full model's", ylabel=f"largest error of a pixel, 1/{full}")
+    axes.set(xlabel="cost, share of the full model's", ylabel=f"pixel error, 1/{full}")
+
+
+def difference(budget: Budget) -> Float[np.ndarray, "3 height width"]:
+    """The difference of both pictures in each pixel, after the transfer curve, in false colour: white below 1e-8."""
+    return false_color(_apart(budget), _LEAST, _MOST)
+
+
+def _apart(budget: Budget) -> Float[np.ndarray, "height width"]:
+    images = [np.asarray(image, float) for image in (budget.reference, budget.image)]
+    shown = [encode_srgb(image) if budget.scene.transfer == "srgb" else np.clip(image, 0, 1) for image in images]
+    return np.max(np.abs(shown[0] - shown[1]), axis=0)
+
+
+def thumbnail(image: Any, most: int = 128) -> Float[np.ndarray, "3 height width"]:
+    """Every k-th pixel of an image, so that no side has more than `most`."""
+    step = -(-max(np.shape(image)[1:]) // most)
+    return np.asarray(image)[:, ::step, ::step]
+
+
+def brief(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The parts of a record that `cells`, `sentences` and `draw` need."""
+    return {key: record[key] for key in ("settings", "summary", "results")}
 
 
 def pictures(budget: Budget) -> Float[np.ndarray, "3 height width"]:
     """The full picture, the budgeted one and their difference in false colour, with its scale, as one linear image."""
-    scene = budget.scene
     images = [np.clip(np.asarray(image, float), 0, None) for image in (budget.reference, budget.image)]
-    shown = [encode_srgb(image) if scene.transfer == "srgb" else np.clip(image, 0, 1) for image in images]
-    apart = np.max(np.abs(shown[0] - shown[1]), axis=0)
-    columns = ("full model", "budget", f"difference, at most {np.max(apart):.2g}")
+    columns = ("full model", "budget", f"difference, at most {np.max(_apart(budget)):.2g}")
     # Small pictures are enlarged, so that their captions fit.
     times = max(1, -(-200 // images[0].shape[2]))
-    large = [np.repeat(np.repeat(image, times, 1), times, 2) for image in (*images, false_color(apart, _LEAST, _MOST))]
+    large = [np.repeat(np.repeat(image, times, 1), times, 2) for image in (*images, difference(budget))]
     sheet = contact_sheet([large], columns=columns)
     return stacked(sheet, color_scale(sheet.shape[2], "difference of a pixel in units of full scale", _LEAST, _MOST))
