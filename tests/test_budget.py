@@ -386,6 +386,16 @@ def test_what_is_wrong_with_a_scene_is_said_in_one_line(change, message):
     assert "\n" not in text
 
 
+def test_what_does_not_conserve_is_refused_without_a_way_out():
+    for terms, reason in (
+        ([{"brdf": "blinn-phong-ndf", "n": 50}], "is not validated"),
+        ([{"brdf": "lambert", "tint": 0.9}, {"brdf": "phong", "tint": 0.3, "n": 50}], "take smaller tints"),
+    ):
+        with pytest.raises(UsageError, match=reason) as caught:
+            scenes.parse_scene({**GLOSSY, "material": {"kind": "surface", "terms": terms}})
+        assert "allow_unvalidated" not in str(caught.value)
+
+
 def test_tolerances():
     assert scenes.tolerance_of("0.5/255") == 0.5 / 255
     assert scenes.tolerance_of(0.25) == scenes.tolerance_of(" 1 / 4") == 0.25

@@ -278,11 +278,17 @@ def _measure(scene: Scene) -> Measured:
         column = 0 if choice(combination)["precision"] == "float64" else -1
         return float(np.prod([shares[knob.name][column][i] for knob, i in zip(knobs, combination, strict=True)]))
 
+    def picture(combination: Combination) -> Fault:
+        try:
+            return view.fault(compiler.program(plan_of(scene, choice(combination))))
+        except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
+            return REFUSED
+
     search = Search(
         own=[[rung.fault for rung in ladders[knob.name]] for knob in knobs],
         cost=cost,
         work=lambda combination: sum(ladders[k.name][i].work for k, i in zip(knobs, combination, strict=True)),
-        picture=lambda combination: view.fault(compiler.program(plan_of(scene, choice(combination)))),
+        picture=picture,
         allowed=lambda combination: not refusal_of(scene, choice(combination)),
     )
     return Measured(scene, knobs, ladders, search, times.noise, view)

@@ -22,6 +22,7 @@ An icosphere stands for the sphere that it approximates: its level and shading a
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -103,7 +104,10 @@ def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
     if document.get("allow_unvalidated", False) is not False:
         raise UsageError(f"{label}: allow_unvalidated has no place in a budget: what does not conserve energy is never chosen")
-    picture = config.parse_scene({key: value for key, value in document.items() if key not in _OWN}, label)
+    try:
+        picture = config.parse_scene({key: value for key, value in document.items() if key not in _OWN}, label)
+    except UsageError as error:  # without the advice that is refused here
+        raise UsageError(re.sub(r"[,;] (or )?allow_unvalidated = true( renders it all the same)?", "", str(error))) from None
     if picture.size[0] * picture.size[1] > _MOST_PIXELS:
         raise UsageError(f"{label}: size must be at most {_MOST_PIXELS} pixels in all; got {picture.size}")
     output = _table(document, "output", label, ("bits", "transfer"))
