@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
 """How many facets, which interpolation and which precision does a glossy sphere need?
 
-Command: ``brdfcheck study shading_cost`` (or ``python studies/shading_cost.py``). ANSWER_TIME on two cores.
+Command: ``brdfcheck study shading_cost`` (or ``python studies/shading_cost.py``).
+10 seconds on two cores, 2 minutes before its programs are compiled.
 
-Answer: ANSWER
+Answer: none: the exact sphere takes a seventh of the time of 1280 Phong-shaded faces (2.5 for 17 ms) and errs by 3e-7, where no
+mesh up to 20,480 faces comes below 2e-3. Of meshes, Phong shading costs a tenth more than Gouraud's and errs by half up to 320
+faces; flat shading takes half the time and needs 16 times the faces. float64 takes a third longer and buys nothing.
 
 One sphere of Lambert and Blinn-Phong (n = 30) under two distant lights, 512 x 512 pixels. Meshes are icospheres of 20 to
 20,480 faces. Errors are those of linear RGB to the exact sphere in float64, over the disc: what the silhouette loses is in.
@@ -86,10 +89,8 @@ def plot(record: dict[str, Any]) -> Any:
                 look: dict[str, Any] = {"color": color, "marker": marker, "markerfacecolor": fill, "linewidth": 0.8}
                 axes.plot(*zip(*places, strict=True), label=f"{shading}, {precision}", **look)
                 for result, place in zip(own, places, strict=True):
-                    if result["faces"] and precision == "float32" and shading != "gouraud":
-                        move = (6, 4) if shading == "flat" else (-6, -9)
-                        side = "left" if shading == "flat" else "right"
-                        axes.annotate(f"{result['faces']:,}", place, move, textcoords="offset points", fontsize=7, ha=side)
+                    if (shading, precision) in (("flat", "float32"), ("phong", "float64")) and result["faces"]:
+                        axes.annotate(f"{result['faces']:,}", place, (6, 4), textcoords="offset points", fontsize=7)
         axes.set(xscale="log", yscale="log")
         plain_log(axes.yaxis)
         ticks = [1, 2, 5, 10, 20, 50, 100]

@@ -1,9 +1,13 @@
 #!/usr/bin/env python3
 """Where do quadrature rules hold, lose digits, lie or break, over every lobe, exponent, angle and precision?
 
-Command: ``brdfcheck study stability`` (or ``python studies/stability.py``). ANSWER_TIME on two cores.
+Command: ``brdfcheck study stability`` (or ``python studies/stability.py``). 2 minutes on two cores once
+its 500 programs are compiled, 5 before.
 
-Answer: ANSWER
+Answer: `brdfcheck.albedo` holds in all 3,904 cells, and calls none of 2,000 factors within 1e-6 of the exact one wrongly. Rules
+that know nothing of the lobe break on needles (16 % of their cells) and on metal at small m; Monte Carlo says more than it
+knows in a quarter; tanh-sinh and the warped rule lose digits at kinks. Left to do: at exactly 90 degrees the derivative in the
+angle is off for V-cavities and, where it diverges, for GGX.
 
 The matrix: 18 lobes about an axis at 12 exponents from 0.01 to 10^7 and 4 microfacet lobes at 7 slopes from 0.001 to 2, each
 at 8 angles from 0 to 90 degrees, in float64 and float32. References: ball arithmetic and slope-space integrals, in
@@ -12,6 +16,7 @@ stability.csv beside this file.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -36,27 +41,34 @@ def run(size: str = "full") -> dict[str, Any]:
     methods: dict[str, Any] = {"production": stability.production}
     for rule, setting in SETTINGS.items() if size == "full" else [("gauss-product", 32)]:
         methods[f"{rule} {setting}"] = stability.of_rule(RULES[rule](setting))
-    results = []
-    for method, function in methods.items():
-        for name in names:
-            reference = references[name]
-            rule = method.split()[0]
-            if rule in RULES and not RULES[rule](SETTINGS[rule]).takes(stability.LOBES[name](1.0)):
-                continue
-            for dtype in (np.float64, np.float32):
-                got = stability.run(function, name, reference.parameters, reference.cosines, dtype)
-                found = stability.outcomes(got, reference, dtype)
-                with np.errstate(all="ignore"):
-                    error = np.abs(got.value - reference.albedo) / np.abs(reference.albedo)
-                results.append(
-                    {
-                        "method": method,
-                        "lobe": name,
-                        "dtype": dtype.__name__,
-                        "outcomes": ["".join(str(cell) for cell in row) for row in found],
-                        "worst_error": float(np.max(error, where=np.isfinite(error), initial=0)),
-                    }
-                )
+
+    def outcomes(task: tuple[str, str]) -> list[dict[str, Any]]:
+        method, name = task
+        reference, found = references[name], []
+        for dtype in (np.float64, np.float32):
+            got = stability.run(methods[method], name, reference.parameters, reference.cosines, dtype)
+            with np.errstate(all="ignore"):
+                error = np.abs(got.value - reference.albedo) / np.abs(reference.albedo)
+            found.append(
+                {
+                    "method": method,
+                    "lobe": name,
+                    "dtype": dtype.__name__,
+                    "outcomes": ["".join(str(cell) for cell in row) for row in stability.outcomes(got, reference, dtype)],
+                    "worst_error": float(np.max(error, where=np.isfinite(error), initial=0)),
+                }
+            )
+        return found
+
+    def takes(method: str, name: str) -> bool:
+        rule = method.split()[0]
+        return rule not in RULES or bool(RULES[rule](SETTINGS[rule]).takes(stability.LOBES[name](1.0)))
+
+    # On two cores: the verdicts mostly wait for Python, the rules for compiled programs.
+    with ThreadPoolExecutor(2) as pool:
+        verdicts = pool.submit(stability.false_verdicts, 2000 if size == "full" else 40)
+        tasks = [(method, name) for method in methods for name in names if takes(method, name)]
+        results = [result for part in pool.map(outcomes, tasks) for result in part]
     derivatives = []
     for method in DERIVATIVES if size == "full" else DERIVATIVES[:1]:
         for name in ("phong", "kb_half", "cook-torrance", "ggx") if size == "full" else SMALL[:1]:
@@ -67,11 +79,10 @@ def run(size: str = "full") -> dict[str, Any]:
             ):
                 counts = np.bincount(stability.gradient_outcomes(found).ravel(), minlength=4)
                 derivatives.append([f"`{method}`", name, by, *map(str, counts[[0, 1, 3]].tolist())])
-    verdicts = stability.false_verdicts(2000 if size == "full" else 40)
     return {
         "settings": {"lobes": names},
         "results": results,
-        "summary": {"false_verdicts": verdicts, "derivatives": derivatives},
+        "summary": {"false_verdicts": verdicts.result(), "derivatives": derivatives},
     }
 
 

@@ -46,7 +46,7 @@ def run(size: str = "full") -> dict[str, Any]:
             rules = [rule for rule in RULES.values() if rule.family not in ("montecarlo", "quasi-montecarlo")]
         if size == "small":
             rules = [RULES[name] for name in ("cosine-monte-carlo", "gauss-product", "zonal", "closed-form")]
-        limit, settings = (0.15, 4) if size == "full" else (0.05, 2)
+        limit, settings = (0.1, 4) if size == "full" else (0.05, 2)
         results += [point.to_json_object() for point in measure_all(rules, case, most_seconds=limit, settings=settings)]
     missing = {name: peer.missing() for name, peer in PEERS.items() if name not in present}
     return {"settings": {"missing_peers": missing}, "results": results, "summary": {"measurements": len(results)}}
