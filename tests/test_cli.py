@@ -352,7 +352,9 @@ def test_list_names_everything(run: Run, tmp_path: Path) -> None:
 # --- help and version ---
 
 
-@pytest.mark.parametrize("words", [(), ("check",), ("audit",), ("list",), ("fit",), ("sweep",), ("plot",), ("study",), ("render",), ("budget",)])
+@pytest.mark.parametrize(
+    "words", [(), ("check",), ("audit",), ("list",), ("fit",), ("sweep",), ("plot",), ("study",), ("render",), ("budget",)]
+)
 @pytest.mark.parametrize("option", ["--help", "-h"])
 def test_help_has_examples(run: Run, words: tuple[str, ...], option: str) -> None:
     code, out, _ = run(*words, option)
