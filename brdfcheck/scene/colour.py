@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import warnings
 from typing import Any, Literal
 
@@ -43,7 +44,7 @@ def rgb_of_spectrum(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what colour-science itself could use and does not find
         try:
-            import colour
+            colour = importlib.import_module("colour")  # not this file, which bears its name
         except ImportError as error:
             raise ImportError("colours from spectra need colour-science: pip install 'brdfcheck[colour]'") from error
         if illuminant not in colour.SDS_ILLUMINANTS:
