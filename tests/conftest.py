@@ -6,6 +6,7 @@ import atexit
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 
 # Before anything of the package runs, and inherited by the processes that tests start.
 if "BRDFCHECK_CACHE" not in os.environ:
@@ -37,3 +38,13 @@ def _no_annotations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests say for themselves whether they run as if on GitHub or with debugging."""
     for name in ("GITHUB_ACTIONS", "BRDFCHECK_DEBUG", "FORCE_COLOR", "NO_COLOR"):
         monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _programs_of_one_file() -> Iterator[None]:
+    """A compiled program holds tens of memory maps, and a process may have 65,530: beyond, the compiler crashes.
+
+    What the next file needs again comes from the compilation cache.
+    """
+    yield
+    jax.clear_caches()
