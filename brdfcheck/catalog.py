@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -205,8 +206,12 @@ def entry(name: str) -> Entry:
         raise KeyError(f"unknown BRDF {name!r}; {hint}") from None
 
 
+@functools.cache
 def exponent_family(name: str) -> Callable[[Any], Any]:
-    """n -> BRDF for an entry whose only parameter is its exponent (or slope). ValueError for other entries."""
+    """n -> BRDF for an entry whose only parameter is its exponent (or slope). ValueError for other entries.
+
+    The same callable each time: compiled programs are known by it.
+    """
     family = entry(name).family
     if len(family.ranges) != 1:
         raise ValueError(f"{name} has {len(family.ranges)} parameters; a table needs exactly one")

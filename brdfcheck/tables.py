@@ -274,28 +274,28 @@ def profile_evaluations(brdf_of_n: Callable[..., Any], n: Float[ArrayLike, " n"]
     the table is integrated cell by cell: there ``Albedo.evaluations`` says it. For families of lobes about an axis and n >= 1.
     """
     rising = np.sort(_checked_exponents(n))
-    shape, powers = _structure.__wrapped__(brdf_of_n, np.dtype(dtype))
+    shape, powers = _structure(brdf_of_n, np.dtype(dtype))
     plan = None if shape is None else _plan(directional.peel(shape)[0], powers, np.dtype(dtype))
     if plan is None or rising[0] < 1:
         return 0, "cell"
     if isinstance(plan, _PowerPlan):
         panels = 2 if directional.peel(shape)[0].form == "half" else 1
-        ratio = plan.far_ratio if rising[-1] > plan.ratio else plan.ratio
         total = 0
         for order in (plan.fine, plan.coarse):
             points = order.intervals + 1
             total += points * panels * (order.circle + panels * (order.lead + order.intervals * order.gap))
-        return total * (len(_blocks(rising, ratio)) + 1), "power"
+        return total * (len(_blocks(rising, plan)) + 1), "power"
     total = 0
-    for part in np.split(rising, _blocks(rising, plan.ratio)):
+    for part in np.split(rising, _blocks(rising, plan)):
         nodes = min(plan.exponents, len(part))
         total += nodes * (plan.fine.circle + plan.fine.cut)
         total += -(-nodes // _CHECKED) * (plan.coarse.circle + plan.coarse.cut)
     return total, "profile"
 
 
-def _blocks(rising: np.ndarray, ratio: float) -> tuple[int, ...]:
-    """Where to cut rising exponents so that no part spans more than `ratio` in 1+n."""
+def _blocks(rising: np.ndarray, plan: _Plan | _PowerPlan) -> tuple[int, ...]:
+    """Where to cut rising exponents so that no part spans more of 1+n than the plan's ratio."""
+    ratio = plan.far_ratio if isinstance(plan, _PowerPlan) and rising[-1] > plan.ratio else plan.ratio
     position = np.log1p(rising) - np.log1p(rising[0])
     parts = max(1, int(np.ceil(position[-1] / np.log(ratio) - 1e-9)))
     cuts = np.searchsorted(position, position[-1] * np.arange(1, parts) / parts)
@@ -330,10 +330,7 @@ def albedo_table(
     mu = directional.checked_cosines(cos_theta)
     if mu.ndim != 1 or mu.size == 0:
         raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
-    try:
-        shape, powers = _structure(brdf_of_n, np.dtype(mu.dtype))
-    except TypeError:  # a callable that cannot be hashed
-        shape, powers = _structure.__wrapped__(brdf_of_n, np.dtype(mu.dtype))
+    shape, powers = _structure(brdf_of_n, np.dtype(mu.dtype))
     if shape is None:
         rows = [directional.albedo(brdf_of_n(float(value)), mu, rtol=rtol) for value in exponents]
         count = np.sum([row.evaluations for row in rows])
@@ -355,8 +352,7 @@ def albedo_table(
         counts.append(count)
     if plan is not None and alone < len(rising):
         shared = jnp.asarray(rising[alone:])
-        ratio = plan.far_ratio if isinstance(plan, _PowerPlan) and rising[-1] > plan.ratio else plan.ratio
-        blocks = _blocks(rising[alone:], ratio)
+        blocks = _blocks(rising[alone:], plan)
         same = (brdf_of_n, shared.size, blocks)
         parts.append(_on_all_cores(lambda mu: _shared_nodes(brdf_of_n, plan, shared, blocks, mu), same, mu, shared.size))
         counts.append(_count(plan))
@@ -367,9 +363,16 @@ def albedo_table(
     return Albedo(value, error, jnp.asarray(max(counts)), engine)
 
 
-@functools.lru_cache(maxsize=64)
 def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[Any, TruncatedPowers | None]:
     """What the family builds and its truncated powers, without numbers; None where engines 1 and 2 cannot take it."""
+    try:
+        return _known_structure(brdf_of_n, dtype)
+    except TypeError:  # a callable that cannot be hashed
+        return _known_structure.__wrapped__(brdf_of_n, dtype)
+
+
+@functools.lru_cache(maxsize=64)
+def _known_structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[Any, TruncatedPowers | None]:
     try:
         shape = eqx.filter_eval_shape(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
     except Exception:  # needs numbers, not tracers: the rows one by one

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import Factor, Normalized, albedo, albedo_table, tables
+from brdfcheck import Factor, Normalized, albedo, albedo_table, directional, tables
 from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.microfacet import GGX, CookTorrance
 
@@ -34,7 +34,7 @@ def test_a_table_is_its_cells(name, n):
     for i in (0, 1, len(n) // 2, len(n) - 1):
         row = albedo(FAMILIES[name](n[i]), mu)
         error = np.abs(np.asarray(table.value[i]) - np.asarray(row.value))
-        assert np.max(error / np.asarray(row.value)) <= 1e-12 if name != "unclamped" else 1e-10
+        assert np.max(error / np.asarray(row.value)) <= (1e-12 if name != "unclamped" else 1e-10)
         assert np.all(error <= np.asarray(table.error[i]))
 
 
@@ -56,6 +56,20 @@ def test_order_and_repeats_do_not_matter():
     table = albedo_table(Phong, n, mu)
     for i, value in enumerate(n):
         np.testing.assert_allclose(table.value[i], albedo(Phong(value), mu).value, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["phong", "lyon-2-half", "cook-torrance"])
+def test_a_table_by_name_is_compiled_once(name, monkeypatch):
+    traced = []
+    for inner in ("_block", "_power_block"):
+        original = getattr(tables, inner)
+        monkeypatch.setattr(tables, inner, lambda *given, original=original: traced.append(1) or original(*given))
+    monkeypatch.setattr(directional, "one", lambda *given, one=directional.one: traced.append(1) or one(*given))
+    mu = np.array([0.2, 0.3, 0.9])
+    albedo_table(name, [1.0, 1.2, 1.9], mu)
+    first = len(traced)
+    albedo_table(name, [1.0, 1.3, 1.8], mu)
+    assert len(traced) == first > 0
 
 
 def test_other_families():
