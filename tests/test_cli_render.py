@@ -129,7 +129,7 @@ def test_another_process_writes_the_same_bytes(run: Run, here: Path) -> None:
         (("figure-5", "-o", "a.png", "--quality", "best"), "--quality: must be one of draft, normal, high; got 'best'"),
         (("figure-5", "-o", "a.png", "--bits", "12"), "--bits: must be 8 or 16; got '12'"),
         (("none.toml", "-o", "a.png"), "there is no file 'none.toml'"),
-        ((".toml", "-o", "a.png"), "cannot read '.toml': Is a directory"),
+        ((".toml", "-o", "a.png"), ".toml is a folder; give a TOML file"),
         (("binary.toml", "-o", "a.png"), "binary.toml is not a text file in UTF-8"),
         (("broken.toml", "-o", "a.png"), "broken.toml is not TOML: "),
     ],

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
 FLOORS = [
     {"geometry", "precision", "brdf", "family", "messages", "rational", "costs"},
-    {"lobes", "microfacet", "factors", "callables"},
+    {"lobes", "microfacet", "factors", "callables", "documents"},
     {"quadrature"},
     {"catalog", "directional", "exact_factors", "minimax"},
     {"tables", "pointwise", "rules", "peers"},

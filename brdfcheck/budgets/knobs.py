@@ -24,7 +24,7 @@ from brdfcheck.exact_factors import SchlickExact, TruncatedPowerExact
 from brdfcheck.factors import Constant, Normalized, peel
 from brdfcheck.lobes import BinomialPower, BlinnPhong, Lyon, Phong, Schlick
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
-from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.materials import Highlight, Metal, NotConserving, Surface, Term, Translucent
 from brdfcheck.scene.shading import AbstractMaterial, Place, meetings
 from brdfcheck.scene.values import Vector, power, spread
 
@@ -173,8 +173,8 @@ def refusal_of(scene: Scene, choice: Choice) -> str:
     if isinstance(material, Surface):
         try:
             Surface(*material.terms)
-        except ValueError as error:
-            return str(error).removesuffix("; take smaller tints, or allow_unvalidated=True")
+        except NotConserving as error:
+            return error.reason
     return ""
 
 

@@ -22,6 +22,7 @@ from brdfcheck.budgets.scenes import Scene
 from brdfcheck.messages import one_line
 from brdfcheck.precision import double_precision
 from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.scene.materials import NotConserving
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.
 _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
@@ -228,7 +229,7 @@ def _measure(scene: Scene) -> Measured:
             try:
                 program = compiler.program(plan_of(scene, {**dearest, knob.name: name}))
             except ValueError as error:
-                refused[knob.name, i] = one_line(error).removesuffix("; allow_unvalidated=True renders it all the same")
+                refused[knob.name, i] = one_line(error.reason if isinstance(error, NotConserving) else error)
                 continue
             except NotImplementedError:  # as a linear solver in float16
                 refused[knob.name, i] = "does not run here"

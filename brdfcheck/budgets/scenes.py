@@ -22,13 +22,12 @@ An icosphere stands for the sphere that it approximates: its level and shading a
 from __future__ import annotations
 
 import math
-import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.scene import config
 from brdfcheck.scene.materials import Surface
@@ -86,28 +85,12 @@ def tolerance_of(value: Any, name: str = "tolerance") -> float:
 
 def read_scene(path: str | Path) -> Scene:
     """The scene in a TOML file. UsageError where there is none, or where something in it is wrong."""
-    label = one_line(path)
-    try:
-        document = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise UsageError(f"there is no file {label!r}") from None
-    except OSError as error:
-        raise UsageError(f"cannot read {label!r}: {error.strerror or one_line(error)}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{label} is not a text file in UTF-8") from None
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{label} is not TOML: {one_line(error)}") from None
-    return parse_scene(document, label)
+    return parse_scene(*read_document(path))
 
 
 def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
-    if document.get("allow_unvalidated", False) is not False:
-        raise UsageError(f"{label}: allow_unvalidated has no place in a budget: what does not conserve energy is never chosen")
-    try:
-        picture = config.parse_scene({key: value for key, value in document.items() if key not in _OWN}, label)
-    except UsageError as error:  # without the advice that is refused here
-        raise UsageError(re.sub(r"[,;] (or )?allow_unvalidated = true( renders it all the same)?", "", str(error))) from None
+    picture = config.parse_scene({key: value for key, value in document.items() if key not in _OWN}, label, validated=True)
     if picture.size[0] * picture.size[1] > _MOST_PIXELS:
         raise UsageError(f"{label}: size must be at most {_MOST_PIXELS} pixels in all; got {picture.size}")
     output = _table(document, "output", label, ("bits", "transfer"))

@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import difflib
 import inspect
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +41,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.scene import lights, materials, meshes
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Perspective, Size, checked_size
@@ -106,22 +106,14 @@ class Scene:
 
 def read_scene(path: str | Path) -> Scene:
     """The scene in a TOML file. UsageError where there is none, or where something in it is wrong."""
-    label = one_line(path)
-    try:
-        document = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise UsageError(f"there is no file {label!r}") from None
-    except OSError as error:
-        raise UsageError(f"cannot read {label!r}: {error.strerror or one_line(error)}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{label} is not a text file in UTF-8") from None
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{label} is not TOML: {one_line(error)}") from None
-    return parse_scene(document, label)
+    return parse_scene(*read_document(path))
 
 
-def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
-    """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
+def parse_scene(document: Mapping[str, Any], label: str = "scene", *, validated: bool = False) -> Scene:
+    """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong.
+
+    `validated`: for users of scenes who take no BRDF that does not conserve; the messages then name no way around it.
+    """
     _refuse_unknown(document, _KEYS, label)
     for key in ("material", "lights"):
         if key not in document:
@@ -130,6 +122,8 @@ def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     if not isinstance(listed, list):
         raise UsageError(f"{label}: lights must be a list of tables, each below [[lights]]; got {_shown(listed)}")
     allow = document.get("allow_unvalidated", False)
+    if validated and allow is not False:
+        raise UsageError(f"{label}: allow_unvalidated has no place here: what does not conserve energy is never chosen")
     if not isinstance(allow, bool):
         raise UsageError(f"{label}: allow_unvalidated must be true or false; got {_shown(allow)}")
     size = document.get("size", 512)
@@ -139,7 +133,7 @@ def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     geometry = _table(document, "geometry", label, {"kind": "sphere"})
     mesh, options = _geometry(geometry, f"{label}: geometry")
     return Scene(
-        material=_material(_table(document, "material", label), allow, f"{label}: material"),
+        material=_material(_table(document, "material", label), allow, validated, f"{label}: material"),
         lights=tuple(_made(one, _LIGHTS, f"{label}: lights[{i}]") for i, one in enumerate(listed)),
         camera=_made(_table(document, "camera", label, {"kind": "orthographic"}), _CAMERAS, f"{label}: camera"),
         size=_try(f"{label}: size", checked_size, tuple(size)),
@@ -166,7 +160,7 @@ def _geometry(table: Mapping[str, Any], place: str) -> tuple[meshes.Mesh | None,
     return _try(place, lambda: _MESHES[kind](**given, dtype=jnp.float32)), options
 
 
-def _material(table: Mapping[str, Any], allow_unvalidated: bool, place: str) -> Any:
+def _material(table: Mapping[str, Any], allow_unvalidated: bool, validated: bool, place: str) -> Any:
     if _kind(table, tuple(_MATERIALS), place) != "surface":
         return _made(table, _MATERIALS, place)
     _refuse_unknown(table, ("kind", "terms"), f"{place} (surface)")
@@ -181,7 +175,17 @@ def _material(table: Mapping[str, Any], allow_unvalidated: bool, place: str) -> 
         if not isinstance(one.get("brdf"), str):
             raise UsageError(f"{where}.brdf must be a catalogue name (brdfcheck list); got {_shown(one.get('brdf'))}")
         terms.append(_try(where, lambda one=one: materials.Term(**_colors(one))))
-    return _try(place, lambda: materials.Surface(*terms, allow_unvalidated=allow_unvalidated))
+
+    def surface() -> materials.Surface:
+        try:
+            return materials.Surface(*terms, allow_unvalidated=allow_unvalidated)
+        except materials.NotConserving as error:
+            if validated:
+                raise ValueError(error.advice()) from None
+            # What the Python argument is called is a key here.
+            raise ValueError(str(error).replace("allow_unvalidated=True", "allow_unvalidated = true")) from None
+
+    return _try(place, surface)
 
 
 def _made(table: Any, kinds: Mapping[str, Callable[..., Any]], place: str) -> Any:
@@ -219,8 +223,7 @@ def _try(place: str, make: Callable[..., Any], *arguments: Any) -> Any:
     except KeyError as error:
         raise UsageError(f"{place}: {one_line(error.args[0])}") from None
     except (ValueError, TypeError, ImportError, OverflowError) as error:
-        # What the Python argument is called is a key here.
-        raise UsageError(f"{place}: {one_line(error).replace('allow_unvalidated=True', 'allow_unvalidated = true')}") from None
+        raise UsageError(f"{place}: {one_line(error)}") from None
 
 
 def _table(document: Mapping[str, Any], key: str, label: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:

@@ -80,6 +80,18 @@ class Term(eqx.Module):
         return self.tint * (np.pi * peel(self.brdf)[0].amplitude())
 
 
+class NotConserving(ValueError):
+    """A BRDF or a sum of BRDFs that `brdfcheck.check` does not call conserving: `reason`, and a `remedy` where there is one."""
+
+    def __init__(self, reason: str, remedy: str = ""):
+        self.reason, self.remedy = reason, remedy
+        super().__init__(f"{self.advice()}{', or' if remedy else ';'} allow_unvalidated=True renders it all the same")
+
+    def advice(self) -> str:
+        """Why, and what to do about it, for those who take no BRDF that does not conserve."""
+        return f"{self.reason}; {self.remedy}" if self.remedy else self.reason
+
+
 @final
 class Surface(AbstractMaterial):
     """A sum of BRDFs: reflected radiance in the lights' unit, all terms and all lights added.
@@ -89,7 +101,7 @@ class Surface(AbstractMaterial):
     angles where the tints alone do not show it. `allow_unvalidated=True` builds it all the same. Numbers that are traced
     are not checked.
 
-    Raises ValueError, with the reason, for a BRDF or a sum that does not conserve.
+    Raises NotConserving, with the reason, for a BRDF or a sum that does not conserve.
     """
 
     terms: tuple[Term, ...]
@@ -163,9 +175,7 @@ def _refuse_unvalidated(term: Term) -> None:
             if report.verdict is Verdict.CONSERVES
             else (f"{report.verdict.name}: albedo {report.albedo:.6g} +- {report.error:.1g}{where}, {report.angle:.3g} degrees")
         )
-        raise ValueError(
-            f"{term.name or report.name} is not validated ({reason}); allow_unvalidated=True renders it all the same"
-        )
+        raise NotConserving(f"{term.name or report.name} is not validated ({reason})")
 
 
 def _double(tree: Any) -> Any:
@@ -181,10 +191,10 @@ def _refuse_excess(terms: tuple[Term, ...]) -> None:
     for channel in np.flatnonzero(np.asarray(most) > 1 + TOLERANCE):
         report = _sum_report(terms, int(channel))
         if report.verdict is not Verdict.CONSERVES:
-            raise ValueError(
+            raise NotConserving(
                 f"the surface reflects up to {report.albedo:.6g} of the light in channel {'RGB'[channel]}, at"
-                f" {report.angle:.3g} degrees: {report.albedo - 1:.3g} more than arrives; take smaller tints, or"
-                " allow_unvalidated=True"
+                f" {report.angle:.3g} degrees: {report.albedo - 1:.3g} more than arrives",
+                "take smaller tints",
             )
 
 

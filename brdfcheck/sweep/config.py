@@ -21,7 +21,6 @@ What is wrong with the file is a `UsageError` in one line that names the place, 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError, one_line
 
 PRECISIONS = ("float64", "float32")
@@ -93,21 +93,7 @@ class Config:
 
 def read_config(path: str | Path) -> Config:
     """The configuration in a TOML file. UsageError where there is none, or where something in it is wrong."""
-    label = str(path)
-    try:
-        if Path(path).is_dir():
-            raise UsageError(f"{label} is a folder; give a TOML file")
-        text = Path(path).read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        raise UsageError(f"there is no file {label!r}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{label} is not a text file in UTF-8") from None
-    except (OSError, ValueError) as error:
-        raise UsageError(f"cannot read {label!r}: {getattr(error, 'strerror', None) or one_line(error)}") from None
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also numbers of more digits than Python reads
-        raise UsageError(f"{label} is not TOML: {one_line(error)}") from None
+    document, label = read_document(path)
     return parse(document, folder=Path(path).resolve().parent, label=label)
 
 
