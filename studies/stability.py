@@ -24,7 +24,6 @@ SETTINGS = {
     "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "midpoint-product": 32, "gauss-product": 32,
     "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 24, "half-vector": 24,
 }  # fmt: skip
-NAMES = ("holds", "loses digits", "lies", "breaks")
 DERIVATIVES = ("production", "lobe-monte-carlo 4096", "gauss-product 32")
 SMALL = ("phong", "kb", "ggx")
 
@@ -95,6 +94,7 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by method and precision, and the known failures with cause and remedy."""
+    from brdfcheck.plots.outcomes import OUTCOMES
     from brdfcheck.stability import KNOWN_FAILURES
     from brdfcheck.studies import table
 
@@ -104,7 +104,7 @@ def summary(record: dict[str, Any]) -> str:
             own = [result for result in record["results"] if result["method"] == method and result["dtype"] == dtype]
             cells = "".join(row for result in own for row in result["outcomes"])
             rows.append((f"`{method}`", dtype, str(len(cells)), *(str(cells.count(str(code))) for code in range(4))))
-    counts = table(("method", "precision", "cells", *NAMES), rows)
+    counts = table(("method", "precision", "cells", *OUTCOMES), rows)
     failures = table(("what fails", "cause", "remedy"), KNOWN_FAILURES)
     false = record["summary"]["false_verdicts"]
     derivatives = table(

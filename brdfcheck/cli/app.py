@@ -125,6 +125,7 @@ def start() -> None:
 
 
 def filtered(names: Sequence[str], substring: str) -> list[str]:
+    """The names that contain the text, in either case. NothingToCheck where none does."""
     kept = [name for name in names if substring.lower() in name.lower()]
     if not kept:
         raise NothingToCheck(f"nothing to check: no name contains {substring!r}; brdfcheck list shows all names")

@@ -29,7 +29,7 @@ _SIZES = ("small", "full")
 Examples:
   brdfcheck study list
   brdfcheck study raw_albedo
-  brdfcheck study all --size small --out /tmp/reports
+  brdfcheck study all --size small --out quick
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
 FOLDER/README.md. The full sizes take less than two minutes each on two cores.""",

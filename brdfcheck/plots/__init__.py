@@ -100,3 +100,8 @@ def text_of(value: float, digits: int = 5) -> str:
     from brdfcheck.plots import paper
 
     return paper.text_of(value, digits)
+
+
+def superscript(exponent: int) -> str:
+    """An exponent in plain characters, which any output format draws as text: ⁻¹⁶."""
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

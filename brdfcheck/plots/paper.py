@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from brdfcheck.plots import superscript
 from brdfcheck.plots.styles import Style, ink, shade
 
 Interval = tuple[float, float]
@@ -71,9 +72,6 @@ def house_style() -> Iterator[None]:
 # --- numbers ---
 
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
 def text_of(value: float, digits: int = 5) -> str:
     """A number as one writes it: 14.303, 1000, 6.7·10²⁸."""
     if not math.isfinite(value):
@@ -81,8 +79,8 @@ def text_of(value: float, digits: int = 5) -> str:
     if value != 0 and not 1e-4 <= abs(value) < 1e6:
         mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
         mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
-        exponent = str(int(power)).translate(_SUPERSCRIPTS)
-        return f"10{exponent}" if mantissa == "1" else f"{mantissa}·10{exponent}".replace("-", "−")
+        text = f"10{superscript(int(power))}"
+        return text if mantissa == "1" else f"{mantissa}·{text}".replace("-", "−")
     text = f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
     return text.replace("-", "−")
 
@@ -109,7 +107,7 @@ def _power(value: float) -> str:
     exponent = math.log10(value) if value > 0 else 0.0
     if abs(exponent - round(exponent)) > 1e-9 or -2 <= exponent <= 1:
         return text_of(value, 6)
-    return f"10{str(round(exponent)).translate(_SUPERSCRIPTS)}"
+    return f"10{superscript(round(exponent))}"
 
 
 # --- axes ---

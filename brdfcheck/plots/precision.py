@@ -106,4 +106,4 @@ def _panel(axes: Axes, records: Sequence[Mapping[str, Any]], cost: str) -> None:
 
 def _power(exponent: int) -> str:
     """A power of ten in plain characters, which any output format draws as text."""
-    return "1" if exponent == 0 else "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return "1" if exponent == 0 else f"10{plots.superscript(exponent)}"

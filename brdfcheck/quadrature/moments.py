@@ -246,24 +246,12 @@ def _values(
             # Without the barriers the compiler joins the parts and evaluates every node several times.
             parts.append(jax.lax.optimization_barrier((x, density * slope * steps)))
         inverse = jax.lax.optimization_barrier(1 / ends)[:, None]
-        values.append(sum(_whole_power(jnp.maximum(1 - x * inverse, 0), power) @ weight for x, weight in parts))
+        values.append(sum(jnp.maximum(1 - x * inverse, 0) ** power @ weight for x, weight in parts))
     moments = []
     for j in range(power + 1):
         shares = (jnp.maximum(1 - x / at.end, 0) for x, _ in parts)
-        moments.append(
-            sum((_whole_power(y, j) if j else jnp.ones_like(y)) @ part[1] for y, part in zip(shares, parts, strict=True))
-        )
+        moments.append(sum(y**j @ part[1] for y, part in zip(shares, parts, strict=True)))
     return values, jnp.stack(moments)
-
-
-def _whole_power(base: Array, power: int) -> Array:
-    result = None
-    while power:
-        if power & 1:
-            result = base if result is None else result * base
-        base, power = base * base, power >> 1
-    assert result is not None
-    return result
 
 
 def _chebyshev_sum(coefficients: list[Array], x: Array) -> Array:
@@ -329,7 +317,7 @@ def truncated_powers(
     rise = panel.map.rise(_quarter(at, jnp.clip(distance, 0, at.sine)))
     middle, half = (panel.high + panel.low) / 2, (panel.high - panel.low) / 2
     place = jnp.clip((jnp.log(rise) - middle) / jnp.maximum(half, _TINY), -1, 1)
-    scale = _whole_power(rise, grown)
+    scale = rise**grown
     if form == "half":
         scale = jnp.where(right, 1, scale)
     place, scale = jax.lax.optimization_barrier((place, scale))

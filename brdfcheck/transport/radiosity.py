@@ -130,6 +130,7 @@ def _progressive(problem: Problem, tolerance: Array, max_steps: Array) -> Soluti
 def finished(
     problem: Problem, radius: Any, value: Array, code: Array, reached: Any, cost: Array, steps: Array, method: str
 ) -> Solution:
+    """The solution of a solver that ended with `value`: with its error bound, its residual and what is to be said of it."""
     error, residual = bounded(problem, radius, value)
     return Solution(value, error, residual, cost, steps, radius, judged(code, value, reached), method)
 
