@@ -26,7 +26,10 @@ class Finding(ValueError):
 
 
 def name_of(function: object) -> str:
-    """A short name for messages."""
+    """A short name for messages: of a lobe with its factor, both."""
+    lobe, factor = getattr(function, "lobe", None), getattr(function, "factor", None)
+    if lobe is not None and factor is not None:
+        return f"{name_of(lobe)} times {name_of(factor)}"
     return getattr(function, "__name__", type(function).__name__)
 
 

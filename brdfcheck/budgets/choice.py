@@ -63,9 +63,10 @@ def pooled(costs: Sequence[float], noise: float) -> list[float]:
 class Search:
     """Combinations of rungs, one of each ladder, in their order of cost.
 
-    `own`: for each ladder the errors of its rungs alone. `cost` and `work`: of a combination, fixed numbers; operations decide
-    between equal costs, and then the sum of the rungs' errors. `picture`: the error of a combination's picture, called once for
-    each that is needed. `allowed`: whether a combination may be chosen at all, called once for each that is good enough.
+    `own`: for each ladder the errors of its rungs alone. `cost` and `work`: of a combination, fixed numbers; of equal costs the
+    smaller sum of the rungs' errors comes first (nothing is given away for time that cannot be measured), then the fewer
+    operations. `picture`: the error of a combination's picture, called once for each that is needed. `allowed`: whether a
+    combination may be chosen at all, called once for each that is good enough. `errors`: those that are known.
     """
 
     own: Sequence[Sequence[Fault]]
@@ -82,7 +83,7 @@ class Search:
     def _key(self, combination: Combination) -> tuple[float, float, float, Combination]:
         # Products that differ by rounding are equal.
         cost = float(f"{self.cost(combination):.9e}")
-        return cost, self.work(combination), self.predicted(combination).pixel, combination
+        return cost, self.predicted(combination).pixel, self.work(combination), combination
 
     def least(self, combination: Combination) -> Fault:
         """The worst of its rungs alone: its error is at least that."""
@@ -113,11 +114,14 @@ class Search:
         return None
 
     def frontier(self) -> list[Combination]:
-        """Of the combinations whose pictures were made: those with no other that is before them in the order and no worse."""
+        """Of the combinations with known errors that may be chosen: those with no other that costs and errs no more."""
+        known = [
+            one
+            for one in self.order
+            if one in self.errors and np.isfinite(self.errors[one].pixel) and self._verdicts.get(one, True)
+        ]
         kept: list[Combination] = []
-        for combination in self.order:
-            if combination in self.errors:
-                pixel = self.errors[combination].pixel
-                if np.isfinite(pixel) and (not kept or pixel < self.errors[kept[-1]].pixel):
-                    kept.append(combination)
+        for one in sorted(known, key=lambda one: (self._key(one)[0], self.errors[one].pixel)):
+            if not kept or self.errors[one].pixel < self.errors[kept[-1]].pixel:
+                kept.append(one)
         return kept

@@ -20,9 +20,9 @@ from jaxtyping import Array, Float
 from brdfcheck import catalog
 from brdfcheck.brdf import AbstractZonalLobe
 from brdfcheck.budgets.scenes import Scene
-from brdfcheck.exact_factors import SchlickExact, TruncatedPowerExact
+from brdfcheck.exact_factors import exact_factor
 from brdfcheck.factors import Constant, Normalized, peel
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Lyon, Phong, Schlick
+from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Metal, NotConserving, Surface, Term, Translucent
 from brdfcheck.scene.shading import AbstractMaterial, Place, meetings
@@ -46,17 +46,21 @@ LOBES: Mapping[str, Callable[[Any, str], AbstractZonalLobe]] = MappingProxyType(
     "Lyon w=1": lambda n, form: Lyon(n, 1, form),
     "Lyon w=2": lambda n, form: Lyon(n, 2, form),
     "Lyon w=3": lambda n, form: Lyon(n, 3, form),
+    "Kuijk-Blake": KuijkBlake,
+    "binomial k=4": lambda n, form: BinomialPower(n, 4, form),
+    "binomial k=8": lambda n, form: BinomialPower(n, 8, form),
     "binomial k=16": lambda n, form: BinomialPower(n, 16, form),
+    "binomial k=64": lambda n, form: BinomialPower(n, 64, form),
     "power": lambda n, form: (Phong if form == "mirror" else BlinnPhong)(n),
 })  # fmt: skip
 # Their factors: that of the power, the best two constants for n from 1 to 1000, the one that makes the albedo 1 at 0 degrees.
 _FACTORS = ("factor of the power", "two constants", "exact factor")
-_FITTED = MappingProxyType(
-    {"Schlick": "schlick", "Lyon w=1": "lyon-1", "Lyon w=2": "lyon-2", "Lyon w=3": "lyon-3", "binomial k=16": "binomial-power"}
-)
+_FITTED = MappingProxyType({
+    "Schlick": "schlick", "Lyon w=1": "lyon-1", "Lyon w=2": "lyon-2", "Lyon w=3": "lyon-3", "Kuijk-Blake": "kuijk-blake",
+    "binomial k=16": "binomial-power",
+})  # fmt: skip
 _BOUNCES = (0, 1, 2, 4, 8, 16, 32)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-_LEVELS = range(5)  # 20 to 5120 faces
 _SHADINGS = ("flat", "Gouraud", "Phong")
 PRECISIONS = ("float16", "float32", "float64")
 _FRESNELS = ("none", "schlick", "exact")
@@ -87,7 +91,10 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
     found: list[Knob] = []
     if _power_terms(material):
         # The factor's error depends on the lobe, so the two are one knob; at a given n it is a number, which costs nothing.
-        names = [f"{lobe}, {factor}" for lobe in LOBES if lobe != "power" for factor in _FACTORS]
+        names = [
+            f"{lobe}, {factor}" for lobe in LOBES if lobe != "power" for factor in _FACTORS
+            if lobe in _FITTED or factor != _FACTORS[1]
+        ]  # fmt: skip
         constants = [f"power, {_FACTORS[1]}"] * all(peel(term.brdf)[0].form == "half" for term in _power_terms(material))
         found.append(Knob("lobe", "lobe and factor", (*names, *constants, f"power, {_FACTORS[2]}")))
     elif isinstance(material, Highlight | Translucent):
@@ -107,11 +114,16 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
         rungs = ["distant"] + ["point"] * bool(polygons)
         rungs += ["polygon, unclipped"] * any(light.horizon_clipping for light in polygons)
         found.append(Knob("light", "light model", (*rungs, "polygon" if polygons else "point")))
-    if scene.facets:
-        rungs = tuple(f"{20 * 4**level} faces, {shading}" for level in _LEVELS for shading in _SHADINGS)
-        found.append(Knob("facets", "facets and interpolation", rungs))
-    elif scene.picture.mesh is not None:
-        found.append(Knob("shading", "interpolation", _SHADINGS))
+    if (mesh := scene.picture.mesh) is not None:
+        # Up to what the scene says itself.
+        written = str(scene.picture.options.get("shading", "phong"))
+        shadings = _SHADINGS[: [name.lower() for name in _SHADINGS].index(written) + 1]
+        levels = range(_level(len(mesh.faces)) + 1) if scene.facets else ()
+        if scene.facets:
+            rungs = tuple(f"{20 * 4**level} faces, {shading}" for level in levels for shading in shadings)
+            found.append(Knob("facets", "facets and interpolation", rungs))
+        elif len(shadings) > 1:
+            found.append(Knob("shading", "interpolation", shadings))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
     if _integrated(scene):
@@ -119,11 +131,16 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
     return (*found, Knob("precision", "precision", PRECISIONS))
 
 
+def _level(faces: int) -> int:
+    return round(np.log(faces / 20) / np.log(4))
+
+
 @dataclass(frozen=True)
 class Plan:
     """What a choice makes of a scene, ready to be compiled.
 
-    `facets`: (level or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for all.
+    `facets`: (level of an icosphere or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for
+    all.
     `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself.
     """
 
@@ -141,9 +158,9 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
     facets = None
     if "facets" in choice:
         count, _, shading = choice["facets"].partition(" faces, ")
-        facets = (round(np.log(int(count) / 20) / np.log(4)), shading.lower())
-    elif mesh is not None and not scene.facets:
-        facets = (None, choice.get("shading", "Phong").lower())
+        facets = (_level(int(count)), shading.lower())
+    elif mesh is not None:
+        facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
     bounces, nodes = choice.get("bounces", "all"), choice.get("quadrature", "furnace")
     return Plan(
         _material(scene.picture.material, choice),
@@ -216,10 +233,9 @@ def _term(term: Term, choice: Choice) -> Term:
     model = LOBES[lobe](n, form)
     if factor == _FACTORS[0]:
         scale = term.brdf.factor
-    elif isinstance(model, Lyon):
-        scale = TruncatedPowerExact(2**model.w, form)
     else:
-        scale = SchlickExact(form) if isinstance(model, Schlick) else TruncatedPowerExact(16, form)
+        scale = exact_factor(model)
+        assert scale is not None, "every stand-in has a closed form"
     return Term(Normalized(model, scale), term.tint, fresnel=fresnel)
 
 

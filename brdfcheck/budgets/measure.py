@@ -1,7 +1,8 @@
 """What each rung errs and costs in a scene, and the budget for a tolerance, verified by rendering it.
 
-The reference is the full model: every knob at its dearest rung, and the exact sphere where an icosphere stands for one. A rung
-is measured by itself, all other knobs at their dearest. Costs of combinations are products of the rungs' measured costs.
+The reference is the full model: every knob at its dearest rung. A rung is measured by itself, all other knobs at their dearest.
+Costs of combinations are products of the rungs' measured costs; what is about to be chosen is timed itself, and is not chosen
+where it is no faster than the full model.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from jaxtyping import Bool, Float
 
 from brdfcheck.budgets import scenes
 from brdfcheck.budgets.choice import REFUSED, Combination, Fault, Search, pooled
-from brdfcheck.budgets.knobs import Knob, Plan, knobs_of, plan_of, refusal_of
+from brdfcheck.budgets.knobs import Knob, knobs_of, plan_of, refusal_of
 from brdfcheck.budgets.programs import Compiler, Image, Program, timed
 from brdfcheck.budgets.scenes import Scene
+from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
 from brdfcheck.precision import double_precision
 from brdfcheck.scene.colour import encode_srgb
@@ -26,10 +28,15 @@ from brdfcheck.scene.materials import NotConserving
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.
 _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
+# Seconds that a combination is timed for beside the full model.
+_TIMED = 0.5
+# Scenes whose measurements are kept.
+_KEPT = 8
+_kept: list[tuple[Any, Measured]] = []
 
 
 class BudgetError(ValueError):
-    """No combination is within the tolerance, or the chosen one is not when it is rendered again."""
+    """The chosen combination is not within the tolerance when it is rendered again."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ class Budget:
 
     `predicted`: the sum of the errors of its rungs; `error`: that of its picture, or of its worst rung alone if that is larger;
     `verified`: of the picture, rendered once more. Errors of pixels are in units of full scale, after the transfer curve, those
-    of energy relative. `seconds` beside `full_seconds`, of the dearest combination: medians of one run. `points`: (cost, error,
+    of energy relative. `seconds` beside `full_seconds`, of the full model: medians of one run. `points`: (cost, error,
     "frontier" or "other") of the combinations that were rendered; `cost`: the chosen one's place among them.
     """
 
@@ -104,40 +111,23 @@ class Measured:
     def choose(self, tolerance: Any = None) -> Budget:
         """The budget for a tolerance of a pixel, as in "0.5/255", by default the scene's; that of the energy is the scene's.
 
-        ValueError for a tolerance that is none; BudgetError where no combination is within it.
+        ValueError for a tolerance that is none; BudgetError where the chosen picture misses it when it is rendered again.
         """
         pixel = self.scene.pixel if tolerance is None else scenes.tolerance_of(tolerance)
         limit = Fault(pixel, self.scene.energy)
         with double_precision():
             combination = self.search.best(limit)
-            if combination is None:
-                raise BudgetError(self._hopeless(limit))
+            assert combination is not None, "the full model is within every tolerance"
             for share in _AROUND:  # what other tolerances would have chosen: the frontier about this one
                 self.search.best(limit._replace(pixel=min(pixel * share, 1.0)))
             return self._budget(combination, limit)
 
-    def _hopeless(self, limit: Fault) -> str:
-        self.search.error(self._dearest)
-        least = min(self.search.errors.values())
-        energy = f" and {limit.energy:.2g} of the energy" if np.isfinite(limit.energy) else ""
-        return (
-            f"{self.scene.label}: no combination is within {limit.pixel:.3g} of full scale{energy}; the best one found errs"
-            f" {least.pixel:.3g} and {least.energy:.2g} of the energy"
-        )
-
-    @property
-    def _dearest(self) -> Combination:
-        return tuple(len(knob.rungs) - 1 for knob in self.knobs)
-
-    def _choice(self, combination: Combination) -> dict[str, str]:
-        return {knob.name: knob.rungs[i] for knob, i in zip(self.knobs, combination, strict=True)}
-
     def _budget(self, combination: Combination, limit: Fault) -> Budget:
         view, search = self.view, self.search
-        programs = [view.program(plan_of(self.scene, self._choice(one))) for one in (self._dearest, combination)]
-        times = timed(programs, 0)
-        image = programs[1].image()
-        verified = view.fault(programs[1], image)
+        program = view.program(combination)
+        seconds, full_seconds = view.seconds(program)
+        image = program.image()
+        verified = view.fault(program, image)
         if not verified.within(limit):
             raise BudgetError(
                 f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} where"
@@ -159,22 +149,51 @@ class Measured:
         )
         return Budget(
             self.scene, limit, tuple(rows), search.predicted(combination), search.error(combination), verified,
-            search.cost(combination), times.seconds[1], times.seconds[0], self.noise, len(search.order), tuple(points),
+            search.cost(combination), seconds, full_seconds, self.noise, len(search.order), tuple(points),
             self.ladders, view.reference, image,
         )  # fmt: skip
 
 
 @dataclass
 class _View:
-    """Pictures of a scene against its reference."""
+    """Pictures of a scene against its full model."""
 
     scene: Scene
+    knobs: tuple[Knob, ...]
     compiler: Compiler
+    full: Program
     reference: Image
     covered: Bool[np.ndarray, "height width"]
+    times: dict[Any, tuple[float, float]] = field(default_factory=dict)
 
-    def program(self, plan: Plan) -> Program:
-        return self.compiler.program(plan)
+    def choice(self, combination: Combination) -> dict[str, str]:
+        return {knob.name: knob.rungs[i] for knob, i in zip(self.knobs, combination, strict=True)}
+
+    def program(self, combination: Combination) -> Program:
+        return self.compiler.program(plan_of(self.scene, self.choice(combination)))
+
+    def picture(self, combination: Combination) -> Fault:
+        try:
+            return self.fault(self.program(combination))
+        except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
+            return REFUSED
+
+    def seconds(self, program: Program) -> tuple[float, float]:
+        """Of a program and of the full model, medians of one run; measured once."""
+        if program.key not in self.times:
+            found = timed([self.full, program], 0, _TIMED).seconds
+            self.times[program.key] = found[-1], found[0]
+        return self.times[program.key]
+
+    def allowed(self, combination: Combination) -> bool:
+        """Whether it conserves energy, and takes less time than the full model where it is another program."""
+        if refusal_of(self.scene, self.choice(combination)):
+            return False
+        program = self.program(combination)
+        if program.key == self.full.key:
+            return True
+        seconds, full_seconds = self.seconds(program)
+        return seconds < full_seconds
 
     def fault(self, program: Program, image: Image | None = None) -> Fault:
         """The largest error of a pixel after the transfer curve, and the relative error of the sum in linear light."""
@@ -199,16 +218,26 @@ class _View:
 def measure(scene: Any) -> Measured:
     """Render and time each rung of a scene's knobs. `scene`: a path, a document of its keys, or a `scenes.Scene`.
 
+    A scene is measured once in a process, so that its budgets for several tolerances go by the same costs.
+
     Raises UsageError for a scene that is wrong, ValueError where its lights, materials and camera do not go together.
     """
     with double_precision():
+        key: Any = scene
         if isinstance(scene, str | Path):
-            scene = scenes.read_scene(scene)
+            document, label = read_document(scene)
+            scene, key = scenes.parse_scene(document, label), (label, repr(document))
         elif isinstance(scene, Mapping):
-            scene = scenes.parse_scene(scene)
+            scene, key = scenes.parse_scene(scene), ("", repr(scene))
         if not isinstance(scene, Scene):
             raise TypeError(f"a scene is a path, a document or a Scene of brdfcheck.budgets; got {type(scene).__name__}")
-        return _measure(scene)
+        for other, measured in _kept:
+            if other is key or (isinstance(key, tuple) and other == key):
+                return measured
+        measured = _measure(scene)
+        _kept[: len(_kept) + 1 - _KEPT] = []
+        _kept.append((key, measured))
+        return measured
 
 
 def _measure(scene: Scene) -> Measured:
@@ -217,11 +246,10 @@ def _measure(scene: Scene) -> Measured:
     ladder_of = {knob.name: knob for knob in knobs}
     dearest = {knob.name: knob.rungs[-1] for knob in knobs}
     base = compiler.program(plan_of(scene, dearest))
-    exact = compiler.program(plan_of(scene, {k: v for k, v in dearest.items() if k != "facets"})) if scene.facets else base
-    reference = exact.image()
+    reference = base.image()
     if not np.all(np.isfinite(reference)):
         raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")
-    view = _View(scene, compiler, reference, exact.covered())
+    view = _View(scene, knobs, compiler, base, reference, base.covered())
     found: dict[tuple[str, int], tuple[Program, Fault]] = {}
     refused: dict[tuple[str, int], str] = {}
     for knob in knobs:
@@ -272,25 +300,23 @@ def _measure(scene: Scene) -> Measured:
             for i, name in enumerate(knob.rungs)
         )
 
-    def choice(combination: Combination) -> dict[str, str]:
-        return {knob.name: knob.rungs[i] for knob, i in zip(knobs, combination, strict=True)}
-
     def cost(combination: Combination) -> float:
-        column = 0 if choice(combination)["precision"] == "float64" else -1
+        column = 0 if view.choice(combination)["precision"] == "float64" else -1
         return float(np.prod([shares[knob.name][column][i] for knob, i in zip(knobs, combination, strict=True)]))
 
-    def picture(combination: Combination) -> Fault:
-        try:
-            return view.fault(compiler.program(plan_of(scene, choice(combination))))
-        except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
-            return REFUSED
-
+    last = tuple(len(knob.rungs) - 1 for knob in knobs)
+    known = {
+        (*last[:place], i, *last[place + 1 :]): rung.fault
+        for place, knob in enumerate(knobs)
+        for i, rung in enumerate(ladders[knob.name])
+    }
     search = Search(
         own=[[rung.fault for rung in ladders[knob.name]] for knob in knobs],
         cost=cost,
         work=lambda combination: sum(ladders[k.name][i].work for k, i in zip(knobs, combination, strict=True)),
-        picture=picture,
-        allowed=lambda combination: not refusal_of(scene, choice(combination)),
+        picture=view.picture,
+        allowed=view.allowed,
+        errors=known,
     )
     return Measured(scene, knobs, ladders, search, times.noise, view)
 
@@ -300,10 +326,10 @@ def budget(scene: Any, tolerance: Any = None) -> Budget:
 
     `scene`: a path of a TOML file, a document with its keys, or a `brdfcheck.budgets.scenes.Scene`. `tolerance`: of a pixel, a
     number in units of full scale or a text, "0.5/255"; by default the scene's own. Computed in float64 whatever the process
-    runs in. Nothing that `brdfcheck.check` does not call conserving is chosen.
+    runs in. Nothing that `brdfcheck.check` does not call conserving is chosen, nor what takes longer than the full model.
 
     Raises UsageError for a scene that is wrong, ValueError for a tolerance that is none, and BudgetError, a ValueError, where
-    no combination is within it.
+    the chosen picture misses it when it is rendered again.
     """
     if tolerance is not None:
         scenes.tolerance_of(tolerance)

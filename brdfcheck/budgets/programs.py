@@ -112,7 +112,7 @@ def _numbers(scene: Scene, plan: Plan) -> dict[str, Any]:
             jnp.asarray(options.get(name, default), float) for name, default in (("center", (0.0, 0.0, 0.0)), ("radius", 1.0))
         )
     else:
-        mesh = picture.mesh if plan.facets[0] is None else icosphere(plan.facets[0])
+        mesh = picture.mesh if plan.facets[0] is None else icosphere(plan.facets[0], jnp.float32)
         assert mesh is not None
         numbers |= {"vertices": mesh.vertices, "faces": mesh.faces}
     return numbers | (_room_numbers(scene.room, plan.bounces) if scene.room is not None else {})
@@ -153,8 +153,6 @@ def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Array:
     )
     options = dict(picture.options)
     options["shading"] = plan.facets[1]
-    # An icosphere's exact normals are its vertices.
-    options["normals"] = numbers["vertices"] if scene.facets else None
     return shade_mesh(mesh, camera, shader, size=picture.size, background=background, **options)
 
 
@@ -205,8 +203,8 @@ class Times:
     noise: float
 
 
-def timed(programs: Sequence[Program], dearest: int) -> Times:
-    """Time the programs round by round; the one numbered `dearest` twice in each, which shows the noise.
+def timed(programs: Sequence[Program], dearest: int, longest: float = _LONGEST) -> Times:
+    """Time the programs round by round for about `longest` seconds; the one numbered `dearest` twice, which shows the noise.
 
     The noise is how far the median of the second is from the first, twice, or what its spread says, and at least 15 %: so far
     the medians of two runs of small pictures were seen apart on a shared machine.
@@ -216,7 +214,7 @@ def timed(programs: Sequence[Program], dearest: int) -> Times:
     for i in unique:
         programs[i].seconds()
     pace = sum(programs[i].seconds() for i in unique)
-    rounds = int(np.clip(_LONGEST / pace, _FEWEST, _MOST))
+    rounds = int(np.clip(longest / pace, _FEWEST, _MOST))
     table, twin = np.empty((rounds, len(programs))), np.empty(rounds)
     for r in range(rounds):
         for i in unique:

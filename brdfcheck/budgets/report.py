@@ -89,14 +89,18 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
     settings, summary = record["settings"], record["summary"]
     full, tolerance = 2 ** settings["bits"] - 1, settings["tolerance"]
     energy = "" if isinstance(tolerance["energy"], str) else f", energy {tolerance['energy']:.2g}"
+    taken = f"{1e3 * summary['seconds']:.3g} ms"
+    if summary["saving"] > 1:
+        taken += f" beside {1e3 * summary['full_seconds']:.3g} ms of the full model: {summary['saving']:.2f} times faster"
+    else:
+        taken += ", the full model's: nothing that errs as little takes less"
     refused = [(row["title"], rung) for row in record["results"] for rung in row["ladder"] if rung["refused"]]
     return [
         f"tolerance  {in_steps(tolerance['pixel'], full)}/{full} of a pixel{energy}",
         f"predicted  {in_steps(summary['predicted']['pixel'], full)}/{full}, energy {summary['predicted']['energy']:.2g}",
         f"verified   {in_steps(summary['verified']['pixel'], full)}/{full}, energy {summary['verified']['energy']:.2g}"
         " (rendered)",
-        f"time       {1e3 * summary['seconds']:.3g} ms beside {1e3 * summary['full_seconds']:.3g} ms of the full model:"
-        f" {summary['saving']:.2f} times faster",
+        f"time       {taken}",
         *(f"refused    {title} {rung['rung']}: {rung['refused']}" for title, rung in refused),
     ]
 
@@ -140,7 +144,11 @@ def draw(axes: Any, record: Mapping[str, Any]) -> None:
     low = min([rung["cost"] for rung in rungs] + [x for x, _, _ in points])
     high = max([rung["cost"] for rung in rungs] + [1.0])
     axes.set(xscale="log", yscale="log", ylim=(floor / 3, top), xlim=(low / 1.3, high * 1.3))
-    ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5) if low / 1.3 <= tick <= high * 1.3]
+    steps_of_decade = ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.4, 1.6, 1.8, *(k / 2 for k in range(4, 20))))
+    for marks in steps_of_decade:
+        ticks = [mark * 10.0**k for k in range(-5, 3) for mark in marks if low / 1.3 <= mark * 10.0**k <= high * 1.3]
+        if len(ticks) >= 3:
+            break
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     decades = [k for k in range(-9, 6) if floor * 3 < 10.0**k < top]
     decades = decades[:: 1 + len(decades) // 6]

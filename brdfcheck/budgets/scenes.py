@@ -16,7 +16,7 @@ The file is that of ``brdfcheck render`` (`brdfcheck.scene.config`) and three ta
     emission = 1.5               # radiosity of its ceiling
     cells = 4                    # patches along an edge
 
-An icosphere stands for the sphere that it approximates: its level and shading are what the budget chooses.
+The full model is the scene as it is written; of an icosphere, fewer faces than its level has are tried besides.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Scene:
     """What is rendered, what it is shown on, and what matters.
 
     `pixel`: tolerance of a pixel in units of full scale, after the transfer curve; `energy`: of the image's sum, relative.
-    `facets`: an icosphere, which stands for the exact sphere.
+    `facets`: an icosphere, of which there are ones with fewer faces.
     """
 
     picture: config.Scene
@@ -90,7 +90,7 @@ def read_scene(path: str | Path) -> Scene:
 
 def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
-    picture = config.parse_scene({key: value for key, value in document.items() if key not in _OWN}, label, validated=True)
+    picture = config.parse_scene(document, label, validated=True, others=_OWN)
     if picture.size[0] * picture.size[1] > _MOST_PIXELS:
         raise UsageError(f"{label}: size must be at most {_MOST_PIXELS} pixels in all; got {picture.size}")
     output = _table(document, "output", label, ("bits", "transfer"))

@@ -37,7 +37,7 @@ scene.toml is that of brdfcheck render, and may say besides:
   emission = 1.5                    # of its ceiling
 
 Each rung of each knob is rendered and timed against the full model; the choice is verified by
-rendering it. Where no combination is within the tolerance the exit code is 1.""",
+rendering it. Where that misses the tolerance the exit code is 1.""",
 )
 def _budget(
     scene: Annotated[str | None, typer.Argument(metavar="SCENE.toml", help="The scene.", show_default=False)] = None,

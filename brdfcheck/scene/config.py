@@ -109,12 +109,17 @@ def read_scene(path: str | Path) -> Scene:
     return parse_scene(*read_document(path))
 
 
-def parse_scene(document: Mapping[str, Any], label: str = "scene", *, validated: bool = False) -> Scene:
+def parse_scene(
+    document: Mapping[str, Any], label: str = "scene", *, validated: bool = False, others: Sequence[str] = ()
+) -> Scene:
     """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong.
 
     `validated`: for users of scenes who take no BRDF that does not conserve; the messages then name no way around it.
+    `others`: keys that the document may have besides, which are not read here.
     """
-    _refuse_unknown(document, _KEYS, label)
+    if validated and document.get("allow_unvalidated", False) is not False:
+        raise UsageError(f"{label}: allow_unvalidated has no place here: what does not conserve energy is never chosen")
+    _refuse_unknown(document, [key for key in (*_KEYS, *others) if not (validated and key == "allow_unvalidated")], label)
     for key in ("material", "lights"):
         if key not in document:
             raise UsageError(f"{label}: {key} is missing; a scene needs a [material] and [[lights]]")
@@ -122,8 +127,6 @@ def parse_scene(document: Mapping[str, Any], label: str = "scene", *, validated:
     if not isinstance(listed, list):
         raise UsageError(f"{label}: lights must be a list of tables, each below [[lights]]; got {_shown(listed)}")
     allow = document.get("allow_unvalidated", False)
-    if validated and allow is not False:
-        raise UsageError(f"{label}: allow_unvalidated has no place here: what does not conserve energy is never chosen")
     if not isinstance(allow, bool):
         raise UsageError(f"{label}: allow_unvalidated must be true or false; got {_shown(allow)}")
     size = document.get("size", 512)
