@@ -75,7 +75,9 @@ def plot(record: dict[str, Any]) -> Any:
             beam.plot(range(BEAM + 1), result["beam"], label=f"{result['name']}, n = {result['n']:g}", **look)
             for room, marker in (("sphere", "o"), ("cube", "s")):
                 traced = result["traced"][room]
-                point = {"color": style.color, "marker": marker, "markerfacecolor": "white", "linestyle": "", "zorder": 3}
+                # Filled: published factors.
+                inside = style.color if result["name"] in {published for published, _, _ in EXHIBITS} else "white"
+                point = {"color": style.color, "marker": marker, "markerfacecolor": inside, "linestyle": "", "zorder": 3}
                 beam.errorbar(range(BEAM + 1), traced["mean"], traced["error"], markersize=3.6, elinewidth=0.8, **point)
             late.plot(result["bounces"], result["late"], **look)
             growth = result["radii"]["mirror"] - 1
@@ -89,12 +91,12 @@ def plot(record: dict[str, Any]) -> Any:
             look = {"color": style.color, "dashes": style.dashes or (1, 0), "linewidth": 1.3, "marker": style.marker}
             radius.plot(claim["parameters"], claim["radii"], markersize=4, label=claim["name"], **look)
         beam.set(yscale="log", ylim=(1e-3, 1.6), title="the lobe alone; a beam along the normal", ylabel="energy")
-        beam.set(xlabel="bounces; points: paths in a sphere (○), a cube (□)")
+        beam.set(xlabel="bounces; paths in a sphere (○), a cube (□), filled: published")
         late.set(xscale="log", yscale="log", ylim=(0.5, 100), xlabel="bounces", title="walls otherwise loss-free (mirror)")
-        radius.set(xscale="log", yscale="log", ylim=(0.25, 6), xlabel="exponent n", title="spectral radius, the lobe alone")
+        radius.set(xscale="log", yscale="log", ylim=(0.018, 6), xlabel="exponent n", title="spectral radius, the lobe alone")
         radius.axhspan(1, 6, color="#D55E00", alpha=0.08, linewidth=0)
         late.set_xticks([1, 100, 1e4, 1e6], ["1", "100", "10⁴", "10⁶"])
-        for axes, ticks in ((beam, (0.01, 0.1, 1)), (late, (1, 10, 100)), (radius, (0.3, 0.5, 1, 2, 5))):
+        for axes, ticks in ((beam, (0.01, 0.1, 1)), (late, (1, 10, 100)), (radius, (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5))):
             axes.set_yticks(ticks, [plots.text_of(tick) for tick in ticks])
             axes.minorticks_off()
             axes.axhline(1, color="black", linewidth=0.9)

@@ -3,10 +3,11 @@
 
 Command: ``brdfcheck study scene_budget`` (or ``python studies/scene_budget.py``). Under two minutes on two cores.
 
-Answer: six scenes need six models, 1.6 to more than 4 times faster than the full one. A matt sphere far away needs Lyon's lobe
-in place of the power and a distant light; in 16 bits it needs the power and the point light. Mirror-like metal close up needs
-its facets (a power errs by 11 steps of 8 bits) but no Fresnel term (0.03); a window in a room needs 16 bounces (8 err by 1.5);
-an icon of 32 pixels 1280 faces with Phong's interpolation (5.7). float32 is enough in all six, float16 in none.
+Answer: six scenes need six models, 2 to 6 times faster than the full one. A matt sphere far away needs a distant light and
+float32; in 16 bits a glossy one needs its point light and the power itself (every stand-in errs by 200 steps or more).
+Mirror-like metal close up needs its facets (a power errs by 11 steps of 8 bits) but no Fresnel term (0.03). A translucent
+sphere keeps the power: no stand-in saves time in float32. A window in a room needs 16 bounces (8 err by 1.5); to solve for all
+takes longer than the picture. An icon of 5,120 facets needs 1,280 (6.6). float32 is enough in all six, float16 in none.
 
 Each rung of each knob is rendered and timed by itself against the full model; the cheapest combination within the tolerance is
 rendered again beside the full model, which is in float64 with all that the scene has. Half a step of the output is allowed,
@@ -19,47 +20,37 @@ import base64
 import io
 from typing import Any
 
-GLOSSY = [{"brdf": "lambert", "tint": [0.6, 0.3, 0.1]}, {"brdf": "blinn-phong", "tint": 0.01, "n": 15}]
+BASE = {"brdf": "lambert", "tint": [0.6, 0.3, 0.1]}
+MATT = {"kind": "surface", "terms": [BASE]}
+GLOSSY = {"kind": "surface", "terms": [BASE, {"brdf": "blinn-phong", "tint": 0.1, "n": 30}]}
 SHINY = {"brdf": "cook-torrance", "tint": [0.95, 0.75, 0.4], "m": 0.12, "fresnel": "exact"}
-MATT = {"kind": "surface", "terms": GLOSSY[:1]}
 WINDOW = {"kind": "polygon", "vertices": [[2, -1, -0.5], [2, 1, -0.5], [2, 1, 1.5], [2, -1, 1.5]], "intensity": 1.5}
-
-
-def lamp(position: list[float], intensity: float) -> dict[str, Any]:
-    """A point light of that radiant intensity."""
-    return {
-        "kind": "point",
-        "position": position,
-        "intensity": intensity,
-        "constant_attenuation": 0,
-        "quadratic_attenuation": 1,
-    }
-
+LAMP = {"kind": "point", "constant_attenuation": 0, "quadratic_attenuation": 1}
+SUN = {"kind": "distant", "direction": [1, 1, 1], "intensity": 3}
 
 # What is said of a scene, and the scene.
 SCENES: dict[str, dict[str, Any]] = {
     "a matt sphere far away": {
-        "size": 256, "camera": {"kind": "orthographic", "half_height": 4}, "lights": [lamp([3000, 3000, 4000], 1e8)],
-        "material": {"kind": "surface", "terms": GLOSSY},
+        "size": 256, "camera": {"kind": "orthographic", "half_height": 4}, "material": MATT,
+        "lights": [{**LAMP, "position": [3000, 3000, 4000], "intensity": 1e8}],
     },
-    "the same in 16 bits": {
-        "size": 256, "camera": {"kind": "orthographic", "half_height": 4}, "lights": [lamp([3000, 3000, 4000], 1e8)],
-        "material": {"kind": "surface", "terms": GLOSSY}, "output": {"bits": 16},
+    "glossy, in 16 bits": {
+        "size": 256, "material": GLOSSY, "output": {"bits": 16}, "lights": [{**LAMP, "position": [3, 3, 4], "intensity": 70}],
     },
     "mirror-like metal close up": {
-        "size": 256, "camera": {"kind": "orthographic", "half_height": 0.6}, "lights": [lamp([1, 1, 2.5], 1.2)],
-        "material": {"kind": "surface", "terms": [SHINY]},
+        "size": 256, "camera": {"kind": "orthographic", "half_height": 0.6},
+        "material": {"kind": "surface", "terms": [SHINY]}, "lights": [{**LAMP, "position": [1, 1, 2.5], "intensity": 1.2}],
     },
-    "translucent, 6 steps of 8 bits": {
+    "translucent, 3 steps": {
         "size": 256, "background": [0.1, 0.1, 0.12], "lights": [{"kind": "distant", "direction": [1, 1, 1]}],
-        "material": {"kind": "translucent", "base": [0.3, 0.6, 0.9], "behind": 0.1}, "matters": {"pixel": "6/255"},
+        "material": {"kind": "translucent", "base": [0.3, 0.6, 0.9], "behind": 0.1}, "matters": {"pixel": "3/255"},
     },
     "lit by a window, in a room": {
-        "size": 160, "material": MATT, "lights": [WINDOW], "room": {"reflectance": 0.7, "emission": 0.6},
+        "size": 160, "material": MATT, "lights": [WINDOW], 
+        "room": {"reflectance": 0.7, "emission": 0.6, "cells": 12},
     },
-    "an icon of 32 pixels, 8 steps of 8 bits": {
-        "size": 32, "geometry": {"kind": "icosphere"}, "material": MATT,
-        "lights": [{"kind": "distant", "direction": [1, 1, 1], "intensity": 3}],
+    "an icon of 32 pixels, of facets, 8 steps": {
+        "size": 32, "geometry": {"kind": "icosphere", "level": 4}, "material": MATT, "lights": [SUN],
         "matters": {"pixel": "8/255", "silhouette": False},
     },
 }  # fmt: skip
@@ -83,6 +74,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A row a scene: the full picture, the budgeted one, their difference, and error against cost."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm
     from matplotlib.image import imread
 
     from brdfcheck import plots
@@ -90,20 +83,27 @@ def plot(record: dict[str, Any]) -> Any:
 
     results = record["results"]
     with plots.house_style():
-        figure = plots.empty(10.5, 0.6 + 2.55 * len(results))
-        rows = figure.subfigures(len(results), 1, squeeze=False)[:, 0]
-        for number, (row, result) in enumerate(zip(rows, results, strict=True)):
-            chosen = ", ".join(f"{part['title']}: {part['rung']}" for part in result["results"])
-            row.suptitle(f"{result['name']}: {result['summary']['saving']:.1f} times faster\n{chosen}", fontsize=9)
-            grid = row.subplots(1, 4, width_ratios=(1, 1, 1, 1.9))
-            for axes, code, title in zip(grid, result["images"], ("full", "budget", "difference, 10⁻⁸ to 1"), strict=False):
+        figure = plots.empty(10.5, 0.9 + 2.4 * len(results))
+        grid = figure.subplots(len(results), 4, squeeze=False, width_ratios=(1, 1, 1, 1.7))
+        figure.get_layout_engine().set(h_pad=0.22)
+        for number, (row, result) in enumerate(zip(grid, results, strict=True)):
+            for axes, code, title in zip(row, result["images"], ("full", "budget", "difference"), strict=False):
                 axes.imshow(imread(io.BytesIO(base64.b64decode(code))), interpolation="nearest")
                 axes.set_axis_off()
-                axes.set_title(title if number == 0 else "", fontsize=8)
-            report.draw(grid[3], result)
-            grid[3].set_xlabel(grid[3].get_xlabel() if number == len(results) - 1 else "")
-        handles = rows[0].axes[3].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside lower center", ncol=5, handlelength=2.0)
+                axes.set_title(title if number == 0 else "", fontsize=9)
+            report.draw(row[3], result)
+            row[3].set_xlabel(row[3].get_xlabel() if number == len(results) - 1 else "")
+            chosen = ", ".join(f"{part['title']} {part['rung']}" for part in result["results"])
+            text = f"{result['name']}: {result['summary']['saving']:.1f} times faster with {chosen}"
+            place = {"xycoords": "axes fraction", "textcoords": "offset points"}
+            row[0].annotate(text, (0, 1), (0, 20 if number == 0 else 7), fontsize=9, weight="bold", **place).set_in_layout(
+                False
+            )
+        figure.legend(*grid[1, 3].get_legend_handles_labels(), loc="outside lower center", ncol=5, handlelength=2.0)
+        scale = figure.colorbar(ScalarMappable(LogNorm(1e-8, 1), "plasma"), ax=grid[-1, :3], location="bottom", aspect=40)
+        scale.set_ticks([1e-8, 1e-6, 1e-4, 1e-2, 1], labels=["10⁻⁸", "10⁻⁶", "10⁻⁴", "10⁻²", "1"])
+        scale.minorticks_off()
+        scale.set_label("difference of a pixel in units of full scale; white: below 10⁻⁸", fontsize=9)
     return figure
 
 

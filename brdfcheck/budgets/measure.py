@@ -179,10 +179,10 @@ class _View:
             return REFUSED
 
     def seconds(self, program: Program) -> tuple[float, float]:
-        """Of a program and of the full model, medians of one run; measured once."""
+        """Of a program and of the full model, by medians of one run: of the latter's time and of their ratio. Measured once."""
         if program.key not in self.times:
-            found = timed([self.full, program], 0, _TIMED).seconds
-            self.times[program.key] = found[-1], found[0]
+            found = timed([self.full, program], 0, _TIMED)
+            self.times[program.key] = found.costs[-1] * found.seconds[0], found.seconds[0]
         return self.times[program.key]
 
     def allowed(self, combination: Combination) -> bool:

@@ -106,7 +106,7 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
 
 
 def chart(record: Mapping[str, Any]) -> Any:
-    """Error against cost: the rungs by themselves, the combinations that were rendered, the frontier, the chosen one."""
+    """Error against cost: all that was rendered, the frontier, the chosen one."""
     with plots.house_style():
         figure = plots.empty(7.0, 4.6)
         draw(figure.subplots(), record)
@@ -124,14 +124,10 @@ def draw(axes: Any, record: Mapping[str, Any]) -> None:
         return max(error * full, floor)
 
     rungs = [rung for row in record["results"] for rung in row["ladder"] if not rung["refused"]]
-    axes.plot(
-        [rung["cost"] for rung in rungs], [shown(rung["error"]["pixel"]) for rung in rungs],
-        "o", color=_GREY, markersize=3, alpha=0.7, label="one knob turned",
-    )  # fmt: skip
     points = [(cost, shown(error), kind) for cost, error, kind in summary["points"]]
     others = [(x, y) for x, y, kind in points if kind == "other"]
     if others:
-        axes.plot(*zip(*others, strict=True), "s", color="#56B4E9", markersize=4, label="rendered combination")
+        axes.plot(*zip(*others, strict=True), "o", color=_GREY, markersize=3.5, alpha=0.7, label="rendered")
     frontier = [(x, y) for x, y, kind in points if kind == "frontier"]
     axes.plot(*zip(*frontier, strict=True), "-s", color="#0072B2", markersize=4, drawstyle="steps-post", label="frontier")
     chosen = (summary["cost"], shown(summary["error"]["pixel"]))
