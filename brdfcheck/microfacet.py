@@ -241,16 +241,21 @@ class CookTorrance(_FacetLobe):
 
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         square = jnp.maximum(half_cosine**2, _TINY)
-        tangent_squared = half_sine_squared / square
-        if not self.m.ndim:
-            return self.weights * jnp.exp(-tangent_squared / self.m**2) / (np.pi * self.m**2 * square**2)
-        m = self.m
-        terms = self.weights * jnp.exp(-tangent_squared[..., None] / m**2) / m**2
-        return jnp.sum(terms, axis=-1) / (np.pi * square**2)
+        exponent = half_sine_squared / square
+        exponent = exponent / self.m**2 if not self.m.ndim else exponent[..., None] / self.m**2
+        # Where the exponential is 0 in this precision anything harmless stands in for its argument and the cosine: the
+        # derivative would be 0 over 0, the square of cos^4 being 0 too.
+        seen = exponent < -float(np.log(jnp.finfo(exponent.dtype).tiny))
+        slopes = self.weights * jnp.where(seen, jnp.exp(-jnp.where(seen, exponent, 1)), 0) / self.m**2
+        if self.m.ndim:
+            seen, slopes = jnp.any(seen, axis=-1), jnp.sum(slopes, axis=-1)
+        return slopes / (np.pi * jnp.where(seen, square, 1) ** 2)
 
     def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) a.
-        inverse = 1 / (self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), _TINY)))
+        # A sine below the precision counts as that: of a greater a the squares, and with them derivatives, would overflow.
+        least = max(_TINY, float(jnp.finfo(cosine.dtype).eps) ** 2)
+        inverse = 1 / (self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), least)))
         a = cosine * inverse
         root = float(np.sqrt(np.pi))
         return 2 * root * inverse, root * a * (1 + erf(a)) + jnp.exp(-a * a)

@@ -17,6 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from brdfcheck.brdf import as_parameter
+from brdfcheck.scene.values import unit
 
 Size = tuple[int, int]
 
@@ -34,7 +35,8 @@ class Projected(NamedTuple):
 
 def checked_size(size: Size) -> Size:
     """`size` itself; ValueError unless it is (height, width) in whole pixels from 1 to 16384."""
-    if len(size) != 2 or not all(isinstance(n, (int, np.integer)) and 1 <= n <= 16384 for n in size):
+    whole = (isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 1 <= n <= 16384 for n in size)
+    if len(size) != 2 or not all(whole):
         raise ValueError(f"size must be (height, width), each from 1 to 16384 pixels; got {size}")
     return int(size[0]), int(size[1])
 
@@ -90,8 +92,7 @@ class AbstractCamera(eqx.Module):
         eye, target, up = (part.astype(dtype) for part in (self.eye, self.target, self.up))
         distance = jnp.sqrt(jnp.sum((eye - target) ** 2))
         back = (eye - target) / distance
-        right = jnp.cross(up, back)
-        right = right / jnp.sqrt(jnp.sum(right * right))
+        right = jnp.stack(unit(jnp.cross(jnp.stack(unit(up)), back)))
         return eye, jnp.stack([right, jnp.cross(back, right), back]), distance
 
     def in_frame(self, points: Float[Array, "3 ..."]) -> tuple[Float[Array, "3 ..."], Float[Array, ""]]:

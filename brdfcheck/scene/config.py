@@ -25,7 +25,9 @@
     quadratic_attenuation = 1
 
 The keys are the parameters of the classes in `brdfcheck.scene`. A colour may be a spectrum: { wavelengths = [400, 700],
-reflectance = [0.2, 0.8] } in nm. What is wrong is a `UsageError` in one line that names the key and what is allowed.
+reflectance = [0.2, 0.8] } in nm. Of a saturated one, what RGB lights and screens cannot show is cut off: components below 0
+or above the largest reflectance. `brdfcheck.scene.colour.rgb_of_spectrum` gives the numbers as they are. What is wrong is a
+`UsageError` in one line that names the key and what is allowed.
 """
 
 from __future__ import annotations
@@ -130,7 +132,7 @@ def parse_scene(
     if not isinstance(allow, bool):
         raise UsageError(f"{label}: allow_unvalidated must be true or false; got {_shown(allow)}")
     size = document.get("size", 512)
-    size = (size, size) if isinstance(size, int) else size
+    size = (size, size) if isinstance(size, int) and not isinstance(size, bool) else size
     if not isinstance(size, list | tuple):
         raise UsageError(f"{label}: size must be a number of pixels or [height, width]; got {_shown(size)}")
     geometry = _table(document, "geometry", label, {"kind": "sphere"})
@@ -213,7 +215,9 @@ def _color(value: Any) -> Any:
     """A colour's numbers from its spectrum; anything else as it is."""
     if isinstance(value, Mapping) and "wavelengths" in value:
         _refuse_unknown(value, ("wavelengths", "reflectance", "illuminant", "observer"), "spectrum")
-        return rgb_of_spectrum(**{"reflectance": (), **value})
+        rgb = rgb_of_spectrum(**{"reflectance": (), **value})
+        # A perfect white is 1 in all components: outside of what lies between is what RGB cannot show.
+        return np.clip(rgb, 0, np.max(value["reflectance"]))
     return value
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from brdfcheck import geometry
 from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
 from brdfcheck.factors import peel
-from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes
+from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes, safe_root
 from brdfcheck.scene.fresnel import FRESNELS
 from brdfcheck.scene.values import TINY
 
@@ -55,9 +55,11 @@ def directional_albedo(
         node, _ = polar_nodes(form, mu, breaks, core.width(), (polar,))
         stops = jnp.stack([jnp.zeros_like(node.azimuth), node.azimuth])
         if isinstance(core, AbstractMicrofacetLobe):  # masking has kinks in azimuth, known as values of V.H
-            across, along = jnp.sqrt(node.coversine / 2) * mu, jnp.sqrt(node.versine / 2) * sine
-            kinks = (core.azimuth_breaks(jnp.sqrt(node.coversine / 2), mu) - across) / jnp.maximum(along, TINY)
-            stops = jnp.insert(stops, 1, jnp.minimum(jnp.arccos(jnp.clip(kinks, -1, 1)), node.azimuth), axis=0)
+            up, out = safe_root(node.coversine / 2), safe_root(node.versine / 2)
+            kinks = (core.azimuth_breaks(up, mu) - up * mu) / jnp.maximum(out * sine, TINY)
+            inside = jnp.abs(kinks) < 1  # elsewhere the derivative of the arc cosine is infinite
+            turns = jnp.where(inside, jnp.arccos(jnp.where(inside, kinks, 0)), jnp.where(kinks < 0, np.pi, 0.0))
+            stops = jnp.insert(stops, 1, jnp.minimum(turns.astype(mu.dtype), node.azimuth), axis=0)
         length = jnp.maximum(stops[1:] - stops[:-1], 0)[..., None]
         # (nodes, azimuths of all pieces)
         azimuth, weight = (
@@ -65,10 +67,12 @@ def directional_albedo(
             for part in (stops[:-1, :, None] + length * turn, 2 * node.weight[:, None] * length * share)
         )
         if form == "mirror":  # about R, from the side of the normal
-            axis, up, first = jnp.stack([-sine, 0 * mu, mu]), jnp.stack([mu, 0 * mu, sine]), node.cos
+            axis, up = jnp.stack([-sine, 0 * mu, mu]), jnp.stack([mu, 0 * mu, sine])
+            # The sine from the versine: from the cosine, a sharp lobe's angles would keep three digits in float32.
+            first, second = node.cos, safe_root(node.versine * node.coversine)
         else:
-            axis, up, first = jnp.array([0, 0, 1], mu.dtype), jnp.array([1, 0, 0], mu.dtype), jnp.sqrt(node.coversine / 2)
-        second = jnp.sqrt(jnp.maximum((1 - first) * (1 + first), 0)) if form == "mirror" else jnp.sqrt(node.versine / 2)
+            axis, up = jnp.array([0, 0, 1], mu.dtype), jnp.array([1, 0, 0], mu.dtype)
+            first, second = safe_root(node.coversine / 2), safe_root(node.versine / 2)
         side = jnp.array([0, 1, 0], mu.dtype)
         across = jnp.cos(azimuth)[..., None] * up + jnp.sin(azimuth)[..., None] * side
         light = first[:, None, None] * axis + second[:, None, None] * across

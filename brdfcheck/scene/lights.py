@@ -8,6 +8,7 @@ nothing.
 from __future__ import annotations
 
 import abc
+import itertools
 from typing import Any, final
 
 import equinox as eqx
@@ -180,7 +181,9 @@ class Polygon(AbstractLight):
 
     `vertices`: shape (k, 3), k >= 3, in order around it; their number is structure. It shines on both sides, or only on the
     side from which they run counter-clockwise (`two_sided=False`). The part below a point's horizon is cut off;
-    `horizon_clipping=False` leaves that out, which is cheaper and right only where all of it is above.
+    `horizon_clipping=False` leaves that out, which is cheaper and right only where all of it is above: what is below counts
+    as negative, and a sum below 0 as 0. A surface with other terms than matt ones refuses the light, for which these have
+    no closed form, unless `matt_only` says that it is to reach the matt ones alone.
 
     ValueError for fewer than three vertices, ones that span no area or do not lie in a plane (1e-4 of the size), or a bad
     intensity.
@@ -190,8 +193,17 @@ class Polygon(AbstractLight):
     intensity: Float[Array, " 3"]
     two_sided: bool = eqx.field(static=True)
     horizon_clipping: bool = eqx.field(static=True)
+    matt_only: bool = eqx.field(static=True)
 
-    def __init__(self, vertices: Any, intensity: Any = 1.0, *, two_sided: bool = True, horizon_clipping: bool = True):
+    def __init__(
+        self,
+        vertices: Any,
+        intensity: Any = 1.0,
+        *,
+        two_sided: bool = True,
+        horizon_clipping: bool = True,
+        matt_only: bool = False,
+    ):
         self.vertices = checked(vertices, "vertices", -np.inf)
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or len(self.vertices) < 3:
             raise ValueError(f"a polygon needs at least 3 vertices, shape (k, 3); got shape {self.vertices.shape}")
@@ -206,7 +218,7 @@ class Polygon(AbstractLight):
             if np.abs(corners @ area).max() > 1e-4 * size * length:
                 raise ValueError(f"the polygon's vertices do not lie in a plane: {np.asarray(self.vertices).tolist()}")
         self.intensity = color_of(intensity, "intensity")
-        self.two_sided, self.horizon_clipping = bool(two_sided), bool(horizon_clipping)
+        self.two_sided, self.horizon_clipping, self.matt_only = bool(two_sided), bool(horizon_clipping), bool(matt_only)
 
     def irradiance(self, point: Vector, normal: Vector) -> Float[Array, "..."]:
         """The irradiance at the points over `intensity`: pi times the form factor, >= 0."""
@@ -216,17 +228,24 @@ class Polygon(AbstractLight):
         if not self.horizon_clipping:
             for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
                 total = total + _edge(a, b, normal)
-        else:
-            pieces = [_above(a, b, corners, heights) for a, b in _edges(len(corners))]
-            # Where the polygon goes below the horizon it is closed along it. The last way out before the first corner is
-            # that of the last edge that has one: one round to find it, one to add up.
-            out = Vector(*(jnp.zeros_like(total) for _ in range(3)))
-            for piece in pieces:
-                out = choose(piece.leaves, piece.end, out)
-            for piece in pieces:
-                total = total + jnp.where(piece.seen, _edge(piece.start, piece.end, normal, piece.seen), 0)
-                total = total + jnp.where(piece.enters, _edge(out, piece.start, normal, piece.enters), 0)
-                out = choose(piece.leaves, piece.end, out)
+            # Which side the point is on follows from the polygon's plane: the sum's own sign says so only of what is above.
+            first, *others = (Vector(*vertex) for vertex in self.vertices)
+            area = Vector(0.0, 0.0, 0.0)
+            for a, b in itertools.pairwise(others):
+                area = area + cross(a - first, b - first)
+            counterclockwise = dot(area, corners[0]) < 0
+            above = jnp.where(counterclockwise, -total, total if self.two_sided else 0)
+            return jnp.maximum(above, 0) / 2
+        pieces = [_above(a, b, corners, heights) for a, b in _edges(len(corners))]
+        # Where the polygon goes below the horizon it is closed along it. The last way out before the first corner is
+        # that of the last edge that has one: one round to find it, one to add up.
+        out = Vector(*(jnp.zeros_like(total) for _ in range(3)))
+        for piece in pieces:
+            out = choose(piece.leaves, piece.end, out)
+        for piece in pieces:
+            total = total + jnp.where(piece.seen, _edge(piece.start, piece.end, normal, piece.seen), 0)
+            total = total + jnp.where(piece.enters, _edge(out, piece.start, normal, piece.enters), 0)
+            out = choose(piece.leaves, piece.end, out)
         # Positive where the corners run clockwise as seen from the point.
         return (jnp.abs(total) if self.two_sided else jnp.maximum(-total, 0)) / 2
 

@@ -57,6 +57,8 @@ class Term(eqx.Module):
                 raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(family.ranges)}")
             for parameter in family.ranges.keys() - parameters.keys() - {"reflectance"}:
                 raise ValueError(f"{brdf} needs its parameter {parameter}")
+            for parameter, value in parameters.items():
+                (checked if parameter == "reflectance" else scalar)(value, f"{brdf}: {parameter}", -np.inf)
             ranges = [family.ranges[name] for name in parameters]
             self.name = brdf
             self.within = all(
@@ -141,10 +143,10 @@ class Surface(AbstractMaterial):
                     value = directional_albedo(term.brdf, place.seen, term.fresnel, term.tint)
                     tint = term.tint if term.fresnel == "none" else jnp.ones_like(term.tint)
                     total = total + spread(light.intensity * tint, dimensions) * value
-                elif not isinstance(light, Ambient):
+                elif not isinstance(light, Ambient) and not (isinstance(light, Polygon) and light.matt_only):
                     raise ValueError(
-                        f"a {type(light).__name__} light has a closed form on matt terms only;"
-                        f" this surface has {type(peel(term.brdf)[0]).__name__}"
+                        f"a {type(light).__name__} light has a closed form on matt terms only; this surface has"
+                        f" {type(peel(term.brdf)[0]).__name__}: with matt_only=True the light reaches the matt terms alone"
                     )
         return total
 
@@ -345,11 +347,15 @@ class Metal(AbstractMaterial):
         if form not in ("facets", "half", "mirror"):
             raise ValueError(f"form must be one of facets, half, mirror; got {form!r}")
         self.base, self.d, self.form = color_of(base, "base", 1), scalar(d, "d", 0, 1), form
-        single = len(lobes) > 0 and len(lobes[0]) > 0 and np.ndim(lobes[0][0]) == 0
-        self.lobes = tuple(checked(part, "lobes") for part in ([lobes] if single else lobes))
+        pairs = f"lobes are pairs of weight and {'slope' if form == 'facets' else 'exponent'}, at least one"
+        try:
+            single = np.ndim(lobes[0][0]) == 0
+        except (TypeError, IndexError, KeyError):
+            raise ValueError(f"{pairs}; got {lobes!r}") from None
+        self.lobes = tuple(checked(part, pairs if np.size(part) == 0 else "lobes") for part in ([lobes] if single else lobes))
         for part in self.lobes:
             if part.ndim != 2 or part.shape[1] != 2:
-                raise ValueError(f"lobes are pairs of weight and {'slope' if form == 'facets' else 'exponent'}; got {lobes}")
+                raise ValueError(f"{pairs}; got {lobes}")
             if form == "facets":
                 checked(part[:, 1], "the slope m", above=True)
 

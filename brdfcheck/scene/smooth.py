@@ -21,6 +21,7 @@ from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
 from brdfcheck.scene.raster import Fragments, rasterise
 from brdfcheck.scene.shading import shade
+from brdfcheck.scene.values import backdrop_of, plain
 
 Shader = Callable[[Array, Array, Array], Array]
 Image = Float[Array, "3 height width"]
@@ -92,6 +93,18 @@ def _render(mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, back
     return shade_mesh(mesh, camera, shader, background=background, **options)
 
 
+def _checked_normals(normals: Any, mesh: Mesh) -> Array:
+    array = as_parameter(plain(normals, "normals", "unit vectors of shape (vertices, 3)"))
+    if array.shape != mesh.vertices.shape:
+        raise ValueError(f"normals must have the shape of the vertices, {mesh.vertices.shape}; got {array.shape}")
+    if not isinstance(array, Tracer):
+        length = np.linalg.norm(np.asarray(array, float), axis=1)
+        wrong = np.flatnonzero(~(np.abs(length - 1) <= 1e-3))
+        if wrong.size:
+            raise ValueError(f"normals must be unit vectors; that of vertex {wrong[0]} has the length {length[wrong[0]]:.6g}")
+    return array
+
+
 @eqx.filter_jit
 def _in_front(mesh: Mesh, camera: AbstractCamera) -> Array:
     return camera.project(mesh.vertices.T, (1, 1)).in_front
@@ -102,9 +115,13 @@ def render_mesh(
 ) -> Image:
     """`shade_mesh` with a material under lights, compiled: numbers are traced, options are not.
 
-    Raises ValueError besides where part of the mesh lies behind the eye: the camera is inside it, or past it.
+    Raises ValueError besides where part of the mesh lies behind the eye: the camera is inside it, or past it; for a
+    background that is negative or not finite; for `normals` that are not one unit vector for each vertex.
     """
     size = checked_size(size)
+    background = backdrop_of(background, size)
+    if options.get("normals") is not None:
+        options["normals"] = _checked_normals(options["normals"], mesh)
     in_front = _in_front(mesh, camera)
     if not isinstance(in_front, Tracer):
         behind = ~np.asarray(in_front)

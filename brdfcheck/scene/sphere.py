@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight
 from brdfcheck.scene.shading import AbstractMaterial, shade
-from brdfcheck.scene.values import Vector, dot, spread
+from brdfcheck.scene.values import Vector, backdrop_of, dot, plain, spread
 
 
 def sphere_image(
@@ -36,11 +36,8 @@ def sphere_image(
     contact sheet is one program too. Raises ValueError for a camera inside the sphere or bad values, and what `shade` raises.
     """
     size = checked_size(size)
-    center, radius, background = (
-        part if isinstance(part, jax.Array) else np.asarray(part, float) for part in (center, radius, background)
-    )
-    if background.shape not in ((), (3,), (3, *size)):
-        raise ValueError(f"background must be a number, RGB or {(3, *size)}; got shape {background.shape}")
+    center, radius = plain(center, "center", "three finite numbers"), plain(radius, "radius", "one number > 0")
+    background = backdrop_of(background, size)
     if not isinstance(center, Tracer) and not isinstance(radius, Tracer):
         _refuse_inside(np.asarray(center, float), np.asarray(radius, float), camera)
     return _image(material, tuple(lights), camera, (center, radius, background), size, jnp.dtype(dtype))

@@ -29,7 +29,7 @@ from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
 from brdfcheck.scene.materials import Translucent
 from brdfcheck.scene.shading import AbstractMaterial, shade
 from brdfcheck.scene.sphere import sphere_image
-from brdfcheck.scene.values import Vector, color_of, scalar, vector_of
+from brdfcheck.scene.values import Vector, color_of, scalar, unit, vector_of
 
 # Pixels that walk through the tree together: few enough that a block of sky ends at once, enough to keep the loops wide.
 _BLOCK = 8192
@@ -157,7 +157,7 @@ class Plane(AbstractBody):
         self.mirror, self.transparency, self.index = _shares(mirror, transparency, index, material)
 
     def _unit(self) -> Array:
-        return self.normal_direction / jnp.sqrt(jnp.sum(self.normal_direction**2))
+        return jnp.stack(unit(self.normal_direction))
 
     def distance(self, origin: Field, travel: Field, starts: Array) -> Float[Array, " pixels"]:
         normal = self._unit()[:, None]

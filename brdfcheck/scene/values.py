@@ -10,6 +10,7 @@ import functools
 import operator
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -50,8 +51,13 @@ def cross(a: Any, b: Any) -> Vector:
 
 
 def unit(a: Any) -> Vector:
-    """The vector at length 1; the zero vector stays zero. One root and one division."""
-    return Vector(*a) * (1 / jnp.sqrt(jnp.maximum(dot(a, a), TINY * TINY)))
+    """The vector at length 1, whatever its length; the zero vector stays zero."""
+    # Over its largest component first, so that no square leaves the range of float32. The result does not depend on that
+    # number, nor do derivatives.
+    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, (jnp.abs(part) for part in a)))
+    a = Vector(*a) * (1 / jnp.where(largest > 0, largest, 1))
+    square = dot(a, a)
+    return a * (1 / jnp.sqrt(jnp.where(square > 0, square, 1)))
 
 
 def choose(condition: Array, a: Any, b: Any) -> Vector:
@@ -78,8 +84,10 @@ def strong(array: Array) -> Array:
 def checked(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Array:
     """`value` as an array leaf; ValueError where it is not finite or outside [low, high] (`above`: low itself too)."""
     try:
+        if jnp.asarray(value).dtype == bool:
+            raise TypeError
         array = strong(as_parameter(value))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be a number; got {value!r}") from None
     if not isinstance(array, Tracer):
         values = np.asarray(array)
@@ -95,7 +103,7 @@ def scalar(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, abo
     """`checked`, and ValueError where it is not one number."""
     array = checked(value, name, low, high, above=above)
     if array.ndim:
-        raise ValueError(f"{name} must be one number; got shape {array.shape}")
+        raise ValueError(f"{name} must be one number; got {value if array.size <= 4 else f'shape {array.shape}'}")
     return array
 
 
@@ -108,10 +116,44 @@ def color_of(value: Any, name: str, high: float = np.inf) -> Float[Array, " 3"]:
 
 
 def vector_of(value: Any, name: str, *, zero: bool = False) -> Float[Array, " 3"]:
-    """Three finite components; ValueError for anything else and, unless `zero`, for length 0."""
+    """Three finite components; ValueError for anything else and, unless `zero`, for length 0 in single precision."""
     array = checked(value, name, -np.inf)
     if array.shape != (3,):
         raise ValueError(f"{name} must have three components, x, y and z; got shape {array.shape}")
-    if not zero and not isinstance(array, Tracer) and not np.any(np.asarray(array)):
-        raise ValueError(f"{name} must not have length 0; got {value}")
+    if not isinstance(array, Tracer):
+        largest, single = np.max(np.abs(np.asarray(array))), np.finfo(np.float32)
+        if largest > single.max:
+            raise ValueError(f"{name} must be finite in single precision, <= {single.max:.3g}; got {value}")
+        if not zero and largest < single.tiny:
+            raise ValueError(f"{name} must not have length 0, in single precision at least {single.tiny:.3g}; got {value}")
+    return array
+
+
+def plain(value: Any, name: str, allowed: str) -> Any:
+    """A JAX array as it is, anything else as numbers in numpy; ValueError, with what is allowed, where it is not numbers."""
+    if isinstance(value, jax.Array):
+        return value
+    try:
+        array = np.asarray(value)
+        if array.dtype == bool:
+            raise TypeError
+        return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be {allowed}; got {value!r}") from None
+
+
+def backdrop_of(value: Any, size: tuple[int, int]) -> Any:
+    """What is behind an object: a number, RGB or an image (3, height, width), linear, as an array.
+
+    ValueError for another shape, for a number or RGB that is negative and, unless it is traced, for what is not finite.
+    """
+    array = plain(value, "background", "a number, RGB or an image")
+    if array.shape not in ((), (3,), (3, *size)):
+        raise ValueError(f"background must be a number, RGB or {(3, *size)}; got shape {array.shape}")
+    if not isinstance(array, Tracer):
+        # Images may come from the artistic models, which go below 0 under strong lights.
+        if not np.all(np.isfinite(np.asarray(array))):
+            raise ValueError(f"background must be finite; got {value if array.ndim < 2 else 'an image with NaN or infinities'}")
+        if array.ndim < 2 and np.any(np.asarray(array) < 0):
+            raise ValueError(f"background must be finite and >= 0; got {value}")
     return array
