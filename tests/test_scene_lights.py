@@ -160,3 +160,14 @@ def test_fresnel_reflects_all_past_the_critical_angle():
     assert 0.04 < float(fresnel.exact(jnp.asarray(critical * 1.01), eta)) < 1
     slopes = jax.vmap(jax.grad(fresnel.exact), (0, None))(jnp.linspace(0, 1, 101), eta)
     assert np.all(np.isfinite(slopes))
+
+
+def test_polygon_without_clipping_keeps_the_sign_of_the_formula():
+    for order in (SQUARE, SQUARE[::-1]):
+        for sides in (True, False):
+            away = factor(order * np.array([1, 1, -1]), two_sided=sides, horizon_clipping=False)
+            assert away == 0  # all of it is below the horizon
+    assert factor(SQUARE, horizon_clipping=False) == pytest.approx(0.554126423979572, abs=1e-14)
+    assert factor(SQUARE[::-1], horizon_clipping=False) == pytest.approx(0.554126423979572, abs=1e-14)
+    assert factor(SQUARE, two_sided=False, horizon_clipping=False) == 0
+    assert factor(SQUARE[::-1], two_sided=False, horizon_clipping=False) == pytest.approx(0.554126423979572, abs=1e-14)

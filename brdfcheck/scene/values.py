@@ -84,7 +84,7 @@ def strong(array: Array) -> Array:
 def checked(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Array:
     """`value` as an array leaf; ValueError where it is not finite or outside [low, high] (`above`: low itself too)."""
     try:
-        if jnp.asarray(value).dtype == bool:
+        if isinstance(value, str) or jnp.asarray(value).dtype == bool:
             raise TypeError
         array = strong(as_parameter(value))
     except (TypeError, ValueError, OverflowError):

@@ -1,0 +1,130 @@
+"""Scenes in documents: what is refused says the key, the value and what is allowed; what is outside of RGB is cut off."""
+
+import numpy as np
+import pytest
+
+from brdfcheck.messages import UsageError
+from brdfcheck.scene.cameras import Orthographic, Perspective
+from brdfcheck.scene.colour import rgb_of_spectrum
+from brdfcheck.scene.config import parse_scene
+from brdfcheck.scene.lights import Distant
+from brdfcheck.scene.materials import Metal, Surface, Term
+from brdfcheck.scene.meshes import icosphere
+from brdfcheck.scene.smooth import render_mesh
+from brdfcheck.scene.sphere import sphere_image
+from brdfcheck.scene.tracing import Plane, trace
+
+LIGHTS = [{"kind": "distant", "direction": [1, 1, 1]}]
+MATT = {"kind": "surface", "terms": [{"brdf": "lambert", "tint": 0.5}]}
+GREEN = {"wavelengths": [500, 510, 520, 530, 540], "reflectance": [0, 0, 1, 0, 0]}
+SQUARE = [[-1, -1, 3], [1, -1, 3], [1, 1, 3], [-1, 1, 3]]
+
+
+def scene(**changes):
+    return parse_scene({"size": 16, "material": MATT, "lights": LIGHTS} | changes)
+
+
+def glossy(**parameters):
+    return {"kind": "surface", "terms": [{"brdf": "phong", "tint": 0.3} | parameters]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"material": glossy(n="a")}, r"terms\[0\]: phong: n must be a number; got 'a'"),
+        ({"material": glossy(n=[1, 2])}, r"terms\[0\]: phong: n must be one number; got \[1, 2\]"),
+        ({"material": glossy(n=True)}, r"phong: n must be a number; got True"),
+        ({"geometry": {"kind": "sphere", "radius": "big"}}, "radius must be one number > 0; got 'big'"),
+        ({"geometry": {"kind": "sphere", "radius": True}}, "radius must be one number > 0; got True"),
+        ({"geometry": {"kind": "sphere", "center": "here"}}, "center must be three finite numbers; got 'here'"),
+        ({"size": True}, r"size must be a number of pixels or \[height, width\]; got True"),
+        ({"size": [True, 5]}, "size must be .height, width., each from 1 to 16384 pixels"),
+        (
+            {"material": {"kind": "metal", "base": 1, "lobes": []}},
+            r"lobes are pairs of weight and slope, at least one; got \[\]",
+        ),
+        ({"material": {"kind": "metal", "base": 1, "lobes": [[]]}}, "lobes are pairs of weight and slope, at least one"),
+        ({"lights": [{"kind": "distant", "direction": [0, 0, 1e-50]}]}, "direction must not have length 0"),
+        ({"lights": [{"kind": "distant", "direction": [0, 0, 1e50]}]}, "direction must be finite in single precision"),
+    ],
+)
+def test_bad_values_are_refused_in_one_line_with_their_key(changes, words):
+    with pytest.raises((UsageError, ValueError), match=words) as caught:
+        scene(**changes).render()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_of_a_spectrum_is_outside_of_rgb_is_cut_off():
+    pytest.importorskip("colour")
+    raw = rgb_of_spectrum(**GREEN)
+    assert raw.min() < -0.01
+    terms = [{"brdf": "lambert", "tint": GREEN}]
+    (term,) = scene(material={"kind": "surface", "terms": terms}).material.terms
+    np.testing.assert_allclose(term.tint, np.maximum(raw, 0), atol=1e-7)
+
+
+def test_a_polygon_may_light_matt_terms_only():
+    terms = [{"brdf": "lambert", "tint": 0.5}, {"brdf": "phong", "tint": 0.3, "n": 20}]
+    mixed, square = {"kind": "surface", "terms": terms}, {"kind": "polygon", "vertices": SQUARE, "intensity": 2}
+    with pytest.raises(ValueError, match="matt_only"):
+        scene(material=mixed, lights=[square]).render()
+    both = scene(material=mixed, lights=[square | {"matt_only": True}]).render()
+    np.testing.assert_array_equal(both, scene(lights=[square]).render())
+    assert both.max() > 0.05
+
+
+@pytest.mark.parametrize("length", [1e-30, 1e-20, 1e20, 1e30])
+def test_directions_count_by_their_direction_only(length):
+    def image(z):
+        lights = [
+            {"kind": "distant", "direction": [z, 0, z]},
+            {"kind": "spot", "position": [0, 0, 5], "spot_direction": [0, 0.1 * z, -z], "spot_exponent": 3},
+        ]
+        return scene(lights=lights, camera={"kind": "orthographic", "up": [0, z, 0]}).render()
+
+    np.testing.assert_allclose(image(length), image(1.0), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "background",
+    [float("nan"), -1, (0, 0, -0.1), np.full((3, 8, 8), np.inf), "white", (1, 2)],
+    ids=lambda value: str(value)[:12],
+)
+def test_bad_backgrounds_are_refused(background):
+    surface, light = Surface(Term("lambert", 0.5)), [Distant((0, 0, 1))]
+    for draw in (
+        lambda: sphere_image(surface, light, size=(8, 8), background=background),
+        lambda: render_mesh(icosphere(0), Orthographic(), surface, light, size=(8, 8), background=background),
+    ):
+        with pytest.raises(ValueError, match="background must be"):
+            draw()
+
+
+def test_bad_normals_of_a_mesh_are_refused():
+    mesh, surface, light = icosphere(0), Surface(Term("lambert", 0.5)), [Distant((0, 0, 1))]
+    for normals, words in (
+        (np.zeros((12, 3)), "normals must be unit vectors; that of vertex 0 has the length 0"),
+        (np.full((12, 3), np.nan), "normals must be unit vectors; that of vertex 0 has the length nan"),
+        (np.ones((5, 3)), r"normals must have the shape of the vertices, \(12, 3\); got \(5, 3\)"),
+        ("smooth", "normals must be unit vectors of shape"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            render_mesh(mesh, Orthographic(), surface, light, size=(8, 8), normals=normals)
+    usual = render_mesh(mesh, Orthographic(), surface, light, size=(8, 8))
+    np.testing.assert_allclose(render_mesh(mesh, Orthographic(), surface, light, size=(8, 8), normals=mesh.vertices), usual)
+
+
+@pytest.mark.parametrize("lobes", [[], [[]], [[[]]], 5, None, "ab", [(1,)]])
+def test_a_metal_needs_pairs(lobes):
+    with pytest.raises(ValueError, match="lobes"):
+        Metal(1, lobes)
+
+
+@pytest.mark.parametrize("length", [1e-25, 1e25])
+def test_a_plane_counts_by_the_direction_of_its_normal_only(length):
+    def image(length):
+        plane = Plane((0, -1, 0), (0, length, 0.2 * length), Surface(Term("lambert", 0.5)))
+        return trace([plane], [Distant((0, 1, 1))], Perspective(), size=(16, 16), depth=0)
+
+    np.testing.assert_allclose(image(length), image(1.0), rtol=1e-5)
+    assert image(length).max() > 0.05

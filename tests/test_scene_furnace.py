@@ -1,0 +1,31 @@
+"""The furnace in float32 against float64, and its sharpest lobes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck import catalog
+from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.factors import peel
+from brdfcheck.scene.furnace import directional_albedo
+
+EXPONENTS = (0.01, 1.0, 100.0, 1e4, 1e5)
+NAMES = [entry.name for entry in catalog.entries() if "n" in entry.family.ranges]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_lobes_about_an_axis_keep_four_digits_in_float32(name):
+    family = catalog.entry(name).family
+    low, high = family.ranges["n"]
+    n = np.array([value for value in EXPONENTS if low <= value <= high])
+    cosine = np.array([0.05, 0.3, 0.7, 0.99, 0.9999, 0.999999, 1.0])
+    assert isinstance(peel(family.build(n=1.0))[0], AbstractZonalLobe)
+
+    @jax.jit
+    def albedo(n, mu):
+        return jax.lax.map(lambda one: directional_albedo(family.build(n=one), mu), n)
+
+    single, double = (np.asarray(albedo(jnp.asarray(n, t), jnp.asarray(cosine, t))) for t in (jnp.float32, jnp.float64))
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, double, rtol=1e-4, atol=1e-4)
