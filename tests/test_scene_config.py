@@ -56,7 +56,7 @@ def test_bad_values_are_refused_in_one_line_with_their_key(changes, words):
 
 def test_what_of_a_spectrum_is_outside_of_rgb_is_cut_off():
     pytest.importorskip("colour")
-    raw = rgb_of_spectrum(**GREEN)
+    raw = rgb_of_spectrum(GREEN["wavelengths"], GREEN["reflectance"])
     assert raw.min() < -0.01
     terms = [{"brdf": "lambert", "tint": GREEN}]
     (term,) = scene(material={"kind": "surface", "terms": terms}).material.terms
