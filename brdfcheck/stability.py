@@ -237,6 +237,15 @@ def _gradients(
     return Gradients(grid(jax.grad(one, argnums=which))(), difference, np.abs(here))
 
 
+def gradients_of(reference: Reference, method: Method = production) -> dict[str, Gradients]:
+    """Both derivatives of a method over the grid of a reference, by what is varied: "n" (or the slope m) and "theta"."""
+    axes = reference.parameters, reference.cosines
+    return {
+        "n": gradient_in_parameter(reference.lobe, *axes, method),
+        "theta": gradient_in_angle(reference.lobe, axes[0], np.arccos(axes[1]), method),
+    }
+
+
 def gradient_outcomes(gradients: Gradients) -> np.ndarray:
     """An `Outcome` for each derivative: up to 1e-3 off it holds (a kink within the step of a difference spoils that much)."""
     deviation = gradients.deviation

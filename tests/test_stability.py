@@ -40,10 +40,10 @@ def test_the_production_rule_holds_everywhere(lobe, dtype):
     assert not np.any(np.isnan(result.value))
 
 
-@pytest.mark.parametrize("lobe", ["phong", "kb_half", "lyon1", "binomial16"])
+@pytest.mark.parametrize("lobe", stability.LOBES)
 def test_eager_is_jitted(lobe):
     reference = REFERENCES[lobe]
-    few, cosines = reference.parameters[[0, 4, 9]], reference.cosines[[0, 2, 7]]
+    few, cosines = reference.parameters[[0, 4]], reference.cosines[[0, 2, 7]]
     eager = stability.run(stability.production, lobe, few, cosines, np.float64, jit=False)
     jitted = stability.run(stability.production, lobe, few, cosines, np.float64)
     np.testing.assert_allclose(eager.value, jitted.value, rtol=1e-12)
