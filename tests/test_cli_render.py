@@ -85,7 +85,7 @@ def test_a_preset_is_written_as_png_of_8_and_16_bit_and_exr(run: Run, here: Path
     options = ("render", "figure-10", "--size", "20", "--quality", "draft")
     code, out, _ = run(*options, "-o", "a.png")
     assert code == ExitCode.PASSED
-    assert out.startswith("wrote a.png: 20 x 20 pixels in ")
+    assert out.startswith("wrote a.png: 20 x 20 pixels (height x width) in ")
     image = np.moveaxis(presets.render_preset("figure-10", 20, "draft"), 0, -1)
     eight, bits = read(here / "a.png")
     assert bits == 8
@@ -153,7 +153,7 @@ def test_a_scene_is_what_its_numbers_say(run: Run, here: Path) -> None:
     (here / "scene.toml").write_text(SCENE)
     code, out, _ = run("render", "scene.toml", "-o", "scene.exr", "--quality", "draft")
     assert code == ExitCode.PASSED
-    assert "wrote scene.exr: 16 x 12 pixels" in out
+    assert "wrote scene.exr: 12 x 16 pixels (height x width) in " in out
     import OpenEXR
 
     with OpenEXR.File(str(here / "scene.exr")) as file:

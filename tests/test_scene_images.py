@@ -129,6 +129,28 @@ def test_a_contact_sheet_is_pixel_for_pixel_with_its_labels():
     assert image.size == sheet.shape[:0:-1]
 
 
+def test_titles_wider_than_their_pictures_take_room_and_do_not_meet():
+    tile = np.full((3, 20, 20), 0.5, np.float32)
+    titles = ["binomial-power-half", "kuijk-blake-mirror"]
+    sheet = images.contact_sheet([[tile, tile]], columns=titles)
+    ink = np.nonzero((sheet[0] < 0.4).any(axis=0))[0]  # darker than the pictures: the text alone
+    other = np.nonzero((images.contact_sheet([[tile, tile]], columns=[titles[0], ""])[0] < 0.4).any(axis=0))[0]
+    assert ink.min() > 0
+    assert ink.max() < sheet.shape[2] - 1
+    second = ink[ink > other.max()]
+    assert second.min() - other.max() > 6  # a gap between the two
+    left, right = (np.nonzero(sheet[0, -20] == 0.5)[0][part] for part in (slice(20), slice(20, None)))
+    for found, text in ((left, other), (right, second)):  # each picture below the middle of its title
+        assert abs((found[0] + found[-1]) - (text.min() + text.max())) <= 6
+    long = "highlight on a facet's centre: what Gouraud shading leaves of it"
+    ink = np.nonzero((images.contact_sheet([[tile]], across=long, labels=["two\nlines"])[0] < 0.4).any(axis=0))[0]
+    assert ink.min() > 0
+    assert ink.max() < images.contact_sheet([[tile]], across=long, labels=["two\nlines"]).shape[2] - 1
+    assert (
+        images.contact_sheet([[tile]], labels=["two\nlines"]).shape < images.contact_sheet([[tile]], labels=["two lines"]).shape
+    )
+
+
 @pytest.mark.parametrize(
     ("act", "error", "words"),
     [

@@ -9,9 +9,10 @@ import pytest
 from brdfcheck import albedo, catalog
 from brdfcheck.scene import drawing, failures, images, meshes, presets
 from brdfcheck.scene.cameras import Orthographic
-from brdfcheck.scene.lights import Ambient, Distant
+from brdfcheck.scene.lights import Ambient, Distant, Environment
 from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.smooth import shade_mesh
+from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.tracing import Sphere, composed, trace
 
 # Many programs to compile.
@@ -27,7 +28,7 @@ def test_every_preset_renders_and_gives_the_same_bytes(name):
     assert np.all(np.isfinite(first))
     assert first.min() >= 0
     assert np.ptp(first) > 0.1
-    presets.furnace_tile.cache_clear()
+    presets._ratios.cache_clear()
     assert images.png_bytes(presets.render_preset(name, 17, "draft")) == images.png_bytes(first)
 
 
@@ -113,6 +114,51 @@ def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, par
     assert bool(excess.max() > 1e-3) is published
 
 
+@pytest.mark.parametrize(("name", "parameters", "side"), [("blinn-phong", {"n": 20.0}, 33), ("cook-torrance", {"m": 0.4}, 14)])
+def test_a_furnace_is_what_every_pixel_integrated_gives(name, parameters, side):
+    surface = Surface(Term(catalog.entry(name).family.build(**parameters)))
+    every = np.asarray(sphere_image(surface, [Environment(0.4)], size=(side, side), background=0.4))
+    tile = presets.furnace_tile(name, parameters, side)
+    np.testing.assert_allclose(tile, every, atol=1e-6)
+    # More samples: the pixels inside are the same numbers, those at the edge are between the two sides of it.
+    fine = presets.furnace_tile(name, parameters, side, 4)
+    across = np.abs((np.arange(side) + 0.5) / side * 2.1 - 1.05)
+    far = np.hypot(*np.meshgrid(across + 1.05 / side, across + 1.05 / side))
+    near = np.hypot(*np.meshgrid(*[np.maximum(across - 1.05 / side, 0)] * 2))
+    np.testing.assert_allclose(fine[:, far < 0.999], tile[:, far < 0.999], rtol=1e-6)
+    np.testing.assert_allclose(fine[:, near > 1.001], 0.4, rtol=1e-6)
+    edge = (far > 1.001) & (near < 0.999)
+    assert np.abs(fine - tile)[:, edge].max() > 1e-3
+    # Each pixel of the edge is covered as much as a disc covers it: seen where nothing comes back.
+    black = presets._disc(np.zeros((3, presets._distances(side, 4)[0].size)), 1.0, side, 4)
+    assert (1 - black[0]).sum() == pytest.approx(np.pi * (side / 2.1) ** 2, rel=5e-3)
+
+
+def test_a_large_furnace_integrates_each_angle_once():
+    square, number = presets._distances(512)
+    assert number.size > 19 * square.size
+    assert np.all(np.diff(square) > 0)
+    x = (np.arange(512) + 0.5) / 512 * 2.1 - 1.05
+    distance = x[:, None] ** 2 + x**2
+    np.testing.assert_allclose(square[number][number >= 0], distance[number >= 0], rtol=1e-12)
+    assert np.all(distance[number < 0] >= 1)
+    assert np.all(distance[number >= 0] < 1)
+
+
+def test_metals_are_exposed_below_white():
+    for figure in range(10, 14):
+        assert 0.9 * 0.75 < presets.render_preset(f"figure-{figure}", 65, "draft").max() < 1
+
+
+def test_the_jumps_that_a_title_quotes_are_away_from_the_silhouette():
+    found = [failures.mach_bands(meshes.icosphere(level), "gouraud") for level in range(3)]
+    largest = [bands.largest("slope") for bands in found]
+    assert largest == sorted(largest, reverse=True)  # finer meshes jump less; with the silhouette they do not
+    assert np.abs(found[1].slope_jump).max() > np.abs(found[0].slope_jump).max()
+    assert found[0].largest("slope", within=0.0) == 0
+    assert found[0].largest("value", within=1.0) == np.abs(found[0].value_jump).max()
+
+
 @pytest.mark.parametrize(("n", "left"), [(10.0, 0.836), (100.0, 0.167)])
 def test_gouraud_shading_leaves_of_the_highlight_what_the_label_says(n, left):
     mesh = meshes.icosphere(2)
@@ -154,4 +200,14 @@ def test_a_scale_shows_its_colours_and_a_curve_its_points():
     square = drawing.curve(65, [0.0, 1.0], [0.0, 1.0], 0, 1)
     assert square.shape == (3, 65, 65)
     assert all(square[0, 64 - i, i] == 0 for i in range(20, 60))
-    assert drawing.stacked(np.zeros((3, 2, 5)), np.zeros((3, 3, 4))).shape == (3, 5, 5)
+    # A narrower span leaves room beside the curve, and a number is written over it.
+    inside = drawing.curve(65, [-0.5, 0.5], [0.5, 0.5], 0, 1, span=(-1.0, 1.0))
+    dark = np.nonzero((inside[0] == 0).any(axis=0))[0]
+    assert (dark.min(), dark.max()) == (16, 48)
+    stacked = drawing.stacked(np.zeros((3, 2, 5)), np.zeros((3, 3, 3)))
+    assert stacked.shape == (3, 5, 5)
+    np.testing.assert_array_equal(stacked[0, 2:], [[1, 0, 0, 0, 1]] * 3)
+    title = "a title that is much wider than its picture"
+    short = drawing.color_scale(40, title)
+    assert short.shape[2] > 200
+    assert short[:, :20, 0].min() == short[:, :20, -1].min() == 1  # nothing of it is cut

@@ -122,7 +122,7 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
         write_image(target, image, bits=int(bits), metadata={"rendered": what, "quality": quality})
     except OSError as error:
         raise UsageError(f"--output: cannot write {target!r}: {error.strerror or one_line(error)}") from None
-    output.line(f"wrote {target}: {image.shape[2]} x {image.shape[1]} pixels in {seconds:.1f} s")
+    output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s")
     return ExitCode.PASSED
 
 

@@ -42,8 +42,14 @@ def _drawn(height: int, width: int, draw: Any) -> np.ndarray:
 
 
 def color_scale(width: int, title: str, least: float = _LEAST, most: float = _MOST) -> Float[np.ndarray, "3 height width"]:
-    """The scale of `false_color` from `least` to `most`, with its decades written below and `title` above."""
+    """The scale of `false_color` from `least` to `most`, with its decades written below and `title` above.
+
+    It is wider than `width` where the title asks for that.
+    """
+    from PIL import ImageFont
+
     height, bar = 58, 14
+    width = max(width, int(ImageFont.load_default(_TEXT).getlength(title)) + 2 * _MARGIN)
     left, right = _MARGIN + width // 12, width - width // 12 - _MARGIN
     decades = np.arange(np.ceil(np.log10(least) - 1e-9), np.log10(most) + 1e-9)
     ticks = sorted({*(10.0**decades), most})
@@ -61,25 +67,37 @@ def color_scale(width: int, title: str, least: float = _LEAST, most: float = _MO
     return image
 
 
-def curve(side: int, x: Float[Any, " k"], y: Float[Any, " k"], low: float, high: float) -> Float[np.ndarray, "3 side side"]:
-    """A curve over x across the whole width of a square; `low`, `high` and the middle are marked."""
+def curve(
+    side: int, x: Float[Any, " k"], y: Float[Any, " k"], low: float, high: float, span: tuple[float, float] | None = None
+) -> Float[np.ndarray, "3 side side"]:
+    """A curve in a square whose width is `span` (None: all of x); `low`, `high` and the middle are marked."""
+    first, last = (np.min(x), np.max(x)) if span is None else span
 
     def draw(canvas: Any, font: Any) -> None:
-        for level in (low, (low + high) / 2, high):
-            height = float(np.clip((high - level) / (high - low) * (side - 1), 0, side - 1))
+        levels = [(level, float((high - level) / (high - low) * (side - 1))) for level in (low, (low + high) / 2, high)]
+        for _, height in levels:
             canvas.line([(0, height), (side, height)], (200, 200, 200))
-            canvas.text((2, min(max(height - 8, 8), side - 9)), f"{level:g}", (110, 110, 110), font=font, anchor="lm")
-        across = (np.asarray(x) - np.min(x)) / np.ptp(x) * (side - 1)
+        across = (np.asarray(x) - first) / (last - first) * (side - 1)
         up = np.clip((high - np.asarray(y)) / (high - low), -0.1, 1.1) * (side - 1)
         canvas.line(list(zip(across.tolist(), up.tolist(), strict=True)), "black", width=max(side // 150, 1))
+        for level, height in levels:  # last, and with a white edge: a curve behind a number leaves it legible
+            place = (2, min(max(height - 8, 8), side - 9))
+            canvas.text(
+                place, f"{level:g}", (110, 110, 110), font=font, anchor="lm", stroke_width=2, stroke_fill=(255, 255, 255)
+            )
 
     return _drawn(side, side, draw)
 
 
 def stacked(*images: Any) -> Float[np.ndarray, "3 height width"]:
-    """Images below one another, on white where they are narrower than the widest."""
+    """Images below one another, in the middle of white where they are narrower than the widest."""
     arrays = [np.asarray(image, np.float32) for image in images]
     width = max(array.shape[2] for array in arrays)
+    sides = [(width - array.shape[2], (width - array.shape[2]) // 2) for array in arrays]
     return np.concatenate(
-        [np.pad(array, ((0, 0), (0, 0), (0, width - array.shape[2])), constant_values=1) for array in arrays], axis=1
+        [
+            np.pad(array, ((0, 0), (0, 0), (left, spare - left)), constant_values=1)
+            for array, (spare, left) in zip(arrays, sides, strict=True)
+        ],
+        axis=1,
     )

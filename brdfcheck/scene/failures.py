@@ -5,7 +5,7 @@ Each function measures one failure on a mesh that is given; the light is white, 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -81,6 +81,14 @@ class SlopeProfile(NamedTuple):
     edge: np.ndarray
     value_jump: np.ndarray
     slope_jump: np.ndarray
+
+    def largest(self, kind: Literal["value", "slope"], within: float = 0.8) -> float:
+        """The largest jump of the value or the slope, by size, at the edges with |x| < `within`; 0 where there is none.
+
+        Towards the silhouette the slope of the exact surface is without bound, and so are the jumps there.
+        """
+        jump = np.abs(self.value_jump if kind == "value" else self.slope_jump)[np.abs(self.edge) < within]
+        return float(jump.max(initial=0))
 
 
 def mach_bands(

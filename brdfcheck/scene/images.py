@@ -6,6 +6,7 @@ Images are linear RGB of shape (3, height, width), the top row first. The same i
 from __future__ import annotations
 
 import io
+import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -92,7 +93,8 @@ def contact_sheet(
 ) -> Float[np.ndarray, "3 height width"]:
     """Images of one size in rows and columns, pixel for pixel, as one linear image on a ground of that grey.
 
-    `columns` and `labels` are written over the columns and before the rows; `across` and `down` name the two axes.
+    `columns` and `labels` are written over the columns and before the rows; `across` and `down` name the two axes. Columns
+    are as far apart as the longest of their titles is wide.
     ValueError for rows that differ in length, images that differ in size, or as many labels as do not fit.
     """
     from PIL import Image, ImageDraw, ImageFont
@@ -106,27 +108,31 @@ def contact_sheet(
         if given and len(given) != wanted:
             raise ValueError(f"{name} must be {wanted} texts; got {len(given)}")
     font = ImageFont.load_default(_TEXT)
+
+    def length(text: str) -> int:
+        return max(math.ceil(font.getlength(line)) for line in text.split("\n"))
+
     lines = (bool(columns) + bool(across)) * (_TEXT + _MARGIN)
-    texts = [*labels, down]
-    left = int(max(font.getlength(text) for text in texts)) + _MARGIN if any(texts) else 0
+    left = max(map(length, [*labels, down]))
+    left += _MARGIN * bool(left)
     _, high, wide = images[0][0].shape
-    height, width = lines + len(images) * (high + _MARGIN), left + len(images[0]) * (wide + _MARGIN)
+    cell = max([wide, *map(length, columns)])  # a title may need more than its picture
+    body = max(len(images[0]) * (cell + _MARGIN) - _MARGIN, length(across))
+    first = left + _MARGIN + (body - len(images[0]) * (cell + _MARGIN) + _MARGIN) // 2
+    height, width = lines + len(images) * (high + _MARGIN), left + _MARGIN + body
     mask = Image.new("L", (width + _MARGIN, height + _MARGIN))
     draw: Any = ImageDraw.Draw(mask)
-
-    def centre(column: int) -> float:
-        return left + _MARGIN + column * (wide + _MARGIN) + wide / 2
-
-    draw.text((left + (width - left + _MARGIN) / 2, _MARGIN), across, 255, font=font, anchor="ma")
+    draw.text((left + _MARGIN + body / 2, _MARGIN), across, 255, font=font, anchor="ma")
     for column, text in enumerate(columns):
-        draw.text((centre(column), lines), text, 255, font=font, anchor="md")
+        draw.text((first + column * (cell + _MARGIN) + cell / 2, lines), text, 255, font=font, anchor="md")
     draw.text((_MARGIN, lines), down, 255, font=font, anchor="ld")
     for row, text in enumerate(labels):
-        draw.text((left, lines + _MARGIN + row * (high + _MARGIN) + high / 2), text, 255, font=font, anchor="rm")
+        place = (left, lines + _MARGIN + row * (high + _MARGIN) + high / 2)
+        draw.text(place, text, 255, font=font, anchor="rm", align="right")
     ink = 0.0 if ground > 0.2 else 1.0
     sheet = np.repeat((ground + (ink - ground) * np.asarray(mask, np.float32) / 255)[None], 3, axis=0)
     for i, row in enumerate(images):
         for j, image in enumerate(row):
-            top, start = lines + _MARGIN + i * (high + _MARGIN), left + _MARGIN + j * (wide + _MARGIN)
+            top, start = lines + _MARGIN + i * (high + _MARGIN), first + j * (cell + _MARGIN) + (cell - wide) // 2
             sheet[:, top : top + high, start : start + wide] = image
     return sheet

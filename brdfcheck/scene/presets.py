@@ -14,18 +14,19 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
-from brdfcheck import catalog
+from brdfcheck import albedo, catalog
 from brdfcheck.scene import failures, meshes
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.drawing import color_scale, curve, false_color, stacked
-from brdfcheck.scene.furnace import excess
 from brdfcheck.scene.images import contact_sheet
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.shading import shade
 from brdfcheck.scene.smooth import render_mesh
 from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
@@ -156,6 +157,7 @@ def _figure_9(canvas: Canvas) -> Image:
     return contact_sheet([[canvas.mean(image) for image in (painted, traced, shadowed)]], columns=columns)
 
 
+_EXPOSURE = 0.75  # of the metals: their highlights reach 1.3
 _METALS: dict[str, tuple[Any, str, Sequence[tuple[Any, float]]]] = {
     "10": ([(0.013, 0.2), (0.1, 0.4)], "facets", [(_UPPER_RIGHT, 1), (_LEFT, 1)]),
     "11": (
@@ -172,7 +174,8 @@ def _metal(figure: str) -> Callable[[Canvas], Image]:
     def make(canvas: Canvas) -> Image:
         lobes, form, lights = _METALS[figure]
         metal = Metal(_GOLD, lobes, d=0.05, form=form)  # pyright: ignore[reportArgumentType]
-        return canvas.sphere(metal, [Distant(direction, a) for direction, a in lights], background=_GREY)
+        image = canvas.sphere(metal, [Distant(direction, a) for direction, a in lights], background=_GREY / _EXPOSURE)
+        return np.float32(_EXPOSURE) * image
 
     return make
 
@@ -200,30 +203,83 @@ PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
 """What was published beside the validated BRDF of the same lobe."""
 
 
-@functools.lru_cache(maxsize=128)
-def furnace_tile(name: str, parameters: tuple[tuple[str, float], ...], side: int) -> Image:
-    """The sphere of a catalogue BRDF in a uniform surrounding of radiance 0.4, before it, integrated in every pixel.
+_USUAL_SIDE = 2.1  # of what the usual camera sees; the sphere's radius is 1
 
-    KeyError for an unknown name, ValueError for bad parameters or a side that is none.
+
+@functools.lru_cache(maxsize=2)
+def _distances(side: int, samples: int = 1) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "n n"]]:
+    """The squared distances from the sphere's centre that a square of pixels has, and which of them each sample has.
+
+    Inside the disc all samples of a pixel have its centre's: the albedo is smooth there, and an edge is not. Those that miss
+    the sphere have the number -1. Distances are sums of two squares of whole numbers, so that many pixels share one.
     """
+    count = side * samples
+    own = 2 * np.arange(count) + 1 - count  # in half samples from the middle
+    center = np.repeat(samples * (2 * np.arange(side) + 1 - side), samples)
+    limit = (2 * count / _USUAL_SIDE) ** 2
+    square, within = own[:, None] ** 2 + own**2, center[:, None] ** 2 + center**2
+    reach = np.abs(center) + samples
+    inside = reach[:, None] ** 2 + reach**2 < limit
+    whole = np.where(inside, within, square)
+    found, number = np.unique(np.where(whole < limit, whole, -1), return_inverse=True)
+    hit = found >= 0
+    return found[hit] / limit, number.reshape(count, count) - int(not hit.all())
+
+
+@eqx.filter_jit
+def _around(
+    surface: Surface, lights: list[Environment], sine: Float[Array, " k"], cosine: Float[Array, " k"]
+) -> Float[Array, "3 k"]:
+    zero = jnp.zeros_like(sine)
+    return shade(surface, lights, (sine, zero, cosine), (sine, zero, cosine), (0.0, 0.0, 1.0))
+
+
+@functools.lru_cache(maxsize=128)
+def _ratios(name: str, parameters: tuple[tuple[str, float], ...], side: int, samples: int) -> Float[np.ndarray, " k"]:
+    """What a catalogue BRDF reflects of a uniform surrounding of radiance 1, integrated at each of the `_distances`."""
+    square, _ = _distances(side, samples)
     # By the lobe, not by its name: lobes of one kind with other factors are then one compiled program.
-    term = Term(catalog.entry(name).family.build(**dict(parameters)))
-    surface = Surface(term, allow_unvalidated=True)
-    image = sphere_image(surface, [Environment(_ENVIRONMENT)], size=(side, side), background=_ENVIRONMENT)
-    return np.asarray(image)
+    surface = Surface(Term(catalog.entry(name).family.build(**dict(parameters))), allow_unvalidated=True)
+    sine, cosine = (jnp.asarray(np.sqrt(part), jnp.float32) for part in (square, 1 - square))
+    return np.asarray(_around(surface, [Environment(1.0)], sine, cosine)).max(axis=0)
+
+
+def _disc(colors: Float[np.ndarray, "3 k"], ground: Any, side: int, samples: int) -> Image:
+    """A colour for each of the `_distances`, before a ground of one colour, each pixel the mean of its samples."""
+    _, number = _distances(side, samples)
+    ground = np.broadcast_to(np.asarray(ground, np.float32), (3,))[:, None]
+    return averaged(np.concatenate([colors, ground], axis=1, dtype=np.float32)[:, number], samples)  # -1 is the last
+
+
+def furnace_tile(name: str, parameters: Mapping[str, float], side: int, samples: int = 1) -> Image:
+    """The sphere of a catalogue BRDF in a uniform surrounding of radiance 0.4, before it, as `sphere_image` shows it.
+
+    Integrated at every distance from the centre that a pixel has: 27 times fewer than pixels on a side of 512. More
+    `samples` smooth the edge. KeyError for an unknown name, ValueError for bad parameters or a side that is none.
+    """
+    checked_size((side, side))
+    ratios = _ratios(name, tuple(parameters.items()), side, samples)
+    return _disc(np.broadcast_to(_ENVIRONMENT * ratios, (3, ratios.size)), _ENVIRONMENT, side, samples)
 
 
 def furnace_excess(name: str, parameters: Mapping[str, float], side: int) -> Float[np.ndarray, "side side"]:
-    """How much more than its surroundings each pixel of `furnace_tile` shows, as a share."""
-    return excess(jnp.asarray(furnace_tile(name, tuple(parameters.items()), side)), np.float32(_ENVIRONMENT))
+    """How much more than its surroundings each pixel of `furnace_tile` shows, as a share; 0 beside the sphere."""
+    checked_size((side, side))
+    ratios = _ratios(name, tuple(parameters.items()), side, 1)
+    return np.append(ratios - 1, np.float32(0))[_distances(side)[1]]
 
 
-def _false_tile(name: str, parameters: Mapping[str, float], side: int) -> Image:
-    """The excess in false colour, on a pale blue ground: what is not the sphere."""
-    across = (np.arange(side) + 0.5) / side * 2.1 - 1.05  # as the usual camera sees
-    outside = across[:, None] ** 2 + across**2 >= 1
-    colors = false_color(furnace_excess(name, parameters, side))
-    return np.where(outside, np.array([0.55, 0.68, 0.85])[:, None, None], colors)
+_GROUND = (0.55, 0.68, 0.85)  # pale blue: what is not the sphere
+
+
+def _false_tile(name: str, parameters: Mapping[str, float], side: int, samples: int) -> Image:
+    """The excess in false colour."""
+    ratios = _ratios(name, tuple(parameters.items()), side, samples)
+    return _disc(false_color(ratios - 1), _GROUND, side, samples)
+
+
+def _furnace_pair(canvas: Canvas, name: str, parameters: Mapping[str, float]) -> list[Image]:
+    return [make(name, parameters, canvas.side, canvas.samples) for make in (furnace_tile, _false_tile)]
 
 
 def _numbers(parameters: Mapping[str, float]) -> str:
@@ -233,7 +289,7 @@ def _numbers(parameters: Mapping[str, float]) -> str:
 def _share(most: float) -> str:
     if most > 1:
         return f"{1 + most:.3g} times"
-    return f"+{most:.2%}" if most > 1e-5 else "no excess"
+    return f"+{most:.2%}" if most > 1e-5 else "conserves"
 
 
 _SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
@@ -242,12 +298,12 @@ _SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
 def _furnace(canvas: Canvas) -> Image:
     rows, labels = [], []
     for name, parameters, validated in PAIRS:
-        row = []
-        for brdf in (validated, name):
-            row += [furnace_tile(brdf, tuple(parameters.items()), canvas.side), _false_tile(brdf, parameters, canvas.side)]
-        rows.append(row)
-        most = float(furnace_excess(name, parameters, canvas.side).max())
-        labels.append(f"{name}, {_numbers(parameters)}: {_share(most)}")
+        rows.append(_furnace_pair(canvas, validated, parameters) + _furnace_pair(canvas, name, parameters))
+        label = f"{name}, {_numbers(parameters)}: {_share(float(furnace_excess(name, parameters, canvas.side).max()))}"
+        if name == "phong-classical":  # not reciprocal, and the furnace gathers over the direction of the light
+            other = float(albedo(catalog.entry(name).family.build(**parameters), np.cos(np.radians(89.0))).value)
+            label += f"\n(summed over views, light at 89 degrees: {other:.3g} times)"
+        labels.append(label)
     sheet = contact_sheet(rows, columns=("validated", "excess", "published", "excess"), labels=labels)
     return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
 
@@ -257,8 +313,7 @@ def _furnace_validated(canvas: Canvas) -> Image:
     for entry in catalog.entries():
         if entry.validated:
             values = {name: _USUAL[name] for name in entry.family.ranges}
-            tile = furnace_tile(entry.name, tuple(values.items()), canvas.side)
-            tiles.append([tile, _false_tile(entry.name, values, canvas.side)])
+            tiles.append(_furnace_pair(canvas, entry.name, values))
             labels.append(f"{entry.name}, {_numbers(values)}")
     half = len(tiles) // 2
     columns = ("furnace", "excess")
@@ -298,7 +353,7 @@ def _lights(canvas: Canvas) -> Image:
         "distant": (surface, [distant]),
         "point": (surface, [point]),
         "spot": (surface, [spot]),
-        "polygon": (matt, [Polygon(_SQUARE, 1.5)]),
+        "polygon: matt part": (matt, [Polygon(_SQUARE, 1.5)]),
         "environment": (surface, [Environment(0.8)]),
         "ambient + spot + left": (surface, [ambient, spot, Distant(_LEFT, (0.2, 0.4, 0.9))]),
     }
@@ -312,7 +367,9 @@ def _polygon_light(canvas: Canvas) -> Image:
         canvas.sphere(matt, [Polygon(_SQUARE, 1.2, horizon_clipping=clipped)], camera, background=0.02)
         for clipped in (True, False)
     ]
-    difference = false_color(np.abs(images[1] - images[0]).max(axis=0), 1e-3, 1.0)
+    covered = canvas.sphere(Surface(Term("lambert", 1.0)), [Ambient(1.0)], camera)
+    difference = covered * false_color(np.abs(images[1] - images[0]).max(axis=0), 1e-3, 1.0)
+    difference += (1 - covered) * np.array(_GROUND)[:, None, None]
     sheet = contact_sheet([[*images, difference]], columns=("clipped", "not clipped", "difference"))
     return stacked(sheet, color_scale(sheet.shape[2], "difference of the radiance; white: less than 0.001", 1e-3, 1.0))
 
@@ -385,32 +442,35 @@ def _bleed(canvas: Canvas) -> Image:
 
 
 def _mach_bands(canvas: Canvas) -> Image:
-    mesh, height = meshes.icosphere(1), 0.1
+    mesh, height, reach = meshes.icosphere(1), 0.1, 1.25
     white, lights = Surface(Term("lambert", 1.0)), [Distant(_ASIDE, np.pi)]
-    camera = Orthographic(half_height=0.9)
-    columns, pictures = [], []
-    for shading in ("flat", "gouraud", "phong", "exact"):
-        if shading == "exact":
-            image = canvas.sphere(white, lights, camera, background=0.02)
-            x = np.linspace(-0.9, 0.9, 2001)
-            normal = np.stack([x, np.full_like(x, height), np.sqrt(1 - x * x - height * height)])
-            value = np.maximum(_ASIDE @ normal, 0) / np.linalg.norm(_ASIDE)
-            slope, inner = np.gradient(value, x), np.ones(2001, bool)
-            columns.append("exact")
-        else:
-            image = canvas.mesh(mesh, camera, white, lights, shading=shading, background=0.02)
-            found = failures.mach_bands(mesh, shading, _ASIDE, height=height)
-            x, value, slope = found.position, found.value, np.append(found.slope, found.slope[-1])
-            jump = found.value_jump if shading == "flat" else found.slope_jump
-            columns.append(f"{shading}: {'value' if shading == 'flat' else 'slope'} jumps {np.abs(jump).max():.2f}")
-            # Where the value itself jumps there is no slope.
-            inner = np.abs(slope) < 10
-        row = int((0.9 - height) / 1.8 * canvas.side)
+    camera = Orthographic(half_height=reach)
+    columns, images, curves = [], [], []
+    for shading in ("flat", "gouraud", "phong"):
+        images.append(canvas.mesh(mesh, camera, white, lights, shading=shading, background=0.02))
+        found = failures.mach_bands(mesh, shading, _ASIDE, height=height)
+        kind = "value" if shading == "flat" else "slope"
+        columns.append(f"{shading}: {kind} jumps {found.largest(kind):.2f}")
+        slope = np.append(found.slope, found.slope[-1])
+        # Where the value itself jumps there is no slope.
+        curves.append((found.position, found.value, np.where(np.abs(slope) < 10, slope, 0)))
+    images.append(canvas.sphere(white, lights, camera, background=0.02))
+    columns.append("exact")
+    x = np.linspace(-0.9, 0.9, 2001)
+    value = np.maximum(_ASIDE @ [x, np.full_like(x, height), np.sqrt(1 - x * x - height * height)], 0)
+    value /= np.linalg.norm(_ASIDE)
+    curves.append((x, value, np.gradient(value, x)))
+    most = float(np.ceil(max(np.abs(slope).max() for _, _, slope in curves)))
+    row = int((reach - height) / (2 * reach) * canvas.side)
+    for image in images:
         image[:, row, ::3] = np.array([[0.8], [0.0], [0.0]])
-        shown = np.where(inner, slope, 0)
-        pictures.append([image, curve(canvas.side, x, value, 0, 1), curve(canvas.side, x, shown, -3, 3)])
-    rows = [list(row) for row in zip(*pictures, strict=True)]
-    return contact_sheet(rows, columns=columns, labels=(_faces(1), "value", "slope"), across="along the dotted line")
+    rows = [
+        images,
+        [curve(canvas.side, x, value, 0, 1, span=(-reach, reach)) for x, value, _ in curves],
+        [curve(canvas.side, x, slope, -most, most, span=(-reach, reach)) for x, _, slope in curves],
+    ]
+    across = "along the dotted line; jumps at |x| < 0.8, away from the silhouette"
+    return contact_sheet(rows, columns=columns, labels=(_faces(1), "value", "slope"), across=across)
 
 
 def _sheets(canvas: Canvas) -> Image:
@@ -470,14 +530,14 @@ _PRESETS: dict[str, Preset] = {
         ),
     ),
     "figure-9": Preset(f"{_YOKOI} 9: opaque and translucent spheres, by equation (8) and by rays", 256, _figure_9),
-    "figure-10": Preset(f"{_YOKOI} 10: metal (12), two lights", 256, _metal("10")),
-    "figure-11": Preset(f"{_YOKOI} 11: metal (12), secondary lights from the left and below", 256, _metal("11")),
-    "figure-12": Preset(f"{_YOKOI} 12: metal (15), powers of N.H", 256, _metal("12")),
-    "figure-13": Preset(f"{_YOKOI} 13: metal (16), powers of R.V", 256, _metal("13")),
+    "figure-10": Preset(f"{_YOKOI} 10: metal (12), two lights; exposure 0.75", 256, _metal("10")),
+    "figure-11": Preset(f"{_YOKOI} 11: metal (12), secondary lights from left and below; exposure 0.75", 256, _metal("11")),
+    "figure-12": Preset(f"{_YOKOI} 12: metal (15), powers of N.H; exposure 0.75", 256, _metal("12")),
+    "figure-13": Preset(f"{_YOKOI} 13: metal (16), powers of R.V; exposure 0.75", 256, _metal("13")),
     "furnace": Preset("white furnace: published BRDFs beside the validated ones; the excess in false colour", 97, _furnace),
     "furnace-validated": Preset("white furnace of every validated BRDF: none glows", 81, _furnace_validated),
     "lobes": Preset("lobes at equal n under one light; light scaled by 2 pi/(n+2)", 144, _lobes),
-    "lights": Preset("one surface under every kind of light", 160, _lights),
+    "lights": Preset("one surface under every kind of light; under the polygon its matt part alone", 160, _lights),
     "polygon-light": Preset("a square light beside a matt sphere, clipped at its horizon and not", 224, _polygon_light),
     "gouraud-phong": Preset("flat, Gouraud and Phong shading at 20 to 1280 faces", 176, _gouraud_phong),
     "silhouette-bleed": Preset("colour of the far side at the silhouette of a mesh lit from behind", 176, _bleed),
