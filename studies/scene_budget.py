@@ -85,7 +85,7 @@ def plot(record: dict[str, Any]) -> Any:
     with plots.house_style():
         figure = plots.empty(10.5, 0.9 + 2.4 * len(results))
         grid = figure.subplots(len(results), 4, squeeze=False, width_ratios=(1, 1, 1, 1.7))
-        figure.get_layout_engine().set(h_pad=0.22)
+        figure.set_layout_engine("constrained", h_pad=0.22)
         for number, (row, result) in enumerate(zip(grid, results, strict=True)):
             for axes, code, title in zip(row, result["images"], ("full", "budget", "difference"), strict=False):
                 axes.imshow(imread(io.BytesIO(base64.b64decode(code))), interpolation="nearest")
