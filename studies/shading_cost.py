@@ -14,10 +14,13 @@ One sphere of Lambert and Blinn-Phong (n = 30) under two distant lights, 512 x 5
 
 from __future__ import annotations
 
+import itertools
 import time
 from typing import Any
 
 SHADINGS = {"flat": ("#999999", "s"), "gouraud": ("#E69F00", "^"), "phong": ("#0072B2", "o"), "exact sphere": ("#000000", "*")}
+METHODS, MIDDLE = ("area", "oblique", "scan-line"), 3  # of interpolation; on a mesh of 1280 faces
+FLOOR = 1e-7  # of the chart
 
 
 def run(size: str = "full") -> dict[str, Any]:
@@ -48,10 +51,15 @@ def run(size: str = "full") -> dict[str, Any]:
         )
         for level in levels:
             mesh = icosphere(level, dtype)
-            for shading in ("flat", "gouraud", "phong") if dtype == jnp.float32 else ("phong",):
+            for shading in ("flat", "gouraud", "phong"):
                 jobs[shading, 20 * 4**level, precision] = lambda mesh=mesh, shading=shading: render_mesh(
                     mesh, camera, material, lights, size=pixels, shading=shading
                 )
+    mesh = icosphere(MIDDLE, jnp.float32)
+    for shading, way in itertools.product(("gouraud", "phong"), METHODS):
+        jobs[f"{shading}, {way}", len(mesh.faces), "float32"] = lambda shading=shading, way=way: render_mesh(
+            mesh, camera, material, lights, size=pixels, shading=shading, interpolation=way
+        )
     images = {key: np.asarray(job(), float) for key, job in jobs.items()}
     best = dict.fromkeys(jobs, float("inf"))
     for _ in range(rounds):
@@ -59,61 +67,72 @@ def run(size: str = "full") -> dict[str, Any]:
             began = time.perf_counter()
             jax.block_until_ready(job())
             best[key] = min(best[key], time.perf_counter() - began)
-    results = []
+    rows = []
     for (shading, faces, precision), image in images.items():
         error = np.abs(image - exact)[:, disc]
-        results.append({"shading": shading, "faces": faces, "precision": precision,
-                        "milliseconds": 1e3 * best[shading, faces, precision], "rms": float(np.sqrt(np.mean(error**2))),
-                        "share": float(np.mean(np.any(error > 0.5 / 255, axis=0)))})  # fmt: skip
-    return {"settings": {"pixels": list(pixels), "rounds": rounds}, "results": results, "summary": {}}
+        rows.append({"shading": shading, "faces": faces, "precision": precision,
+                     "milliseconds": 1e3 * best[shading, faces, precision], "rms": float(np.sqrt(np.mean(error**2))),
+                     "share": float(np.mean(np.any(error > 0.5 / 255, axis=0)))})  # fmt: skip
+    results = [row for row in rows if row["shading"] in SHADINGS]
+    methods = [row for row in rows if row["shading"] not in SHADINGS]
+    return {"settings": {"pixels": list(pixels), "rounds": rounds}, "results": results, "summary": {"methods": methods}}
 
 
 def plot(record: dict[str, Any]) -> Any:
-    """Error against time; a point is labelled with its faces; float64 is hollow."""
+    """Error against time; numbers are faces; float64 is hollow, and on the sphere the reference itself: on the lower edge."""
     from brdfcheck import plots
     from brdfcheck.plots.paper import plain_log
     from brdfcheck.plots.precision import frontier
 
     results = [result for result in record["results"] if result["rms"] > 0]
     with plots.house_style():
-        figure = plots.empty(8.0, 5.6)
+        figure = plots.empty(8.0, 6.4)
         axes = figure.subplots()
+        axes.set(xscale="log", yscale="log")
         edge = frontier([(result["milliseconds"], result["rms"]) for result in results])
         axes.plot(*zip(*edge, strict=True), color="#888888", linewidth=3, alpha=0.5, zorder=1, drawstyle="steps-post")
-        for shading, (color, marker) in SHADINGS.items():
-            for precision, fill in (("float32", color), ("float64", "white")):
-                own = [result for result in results if (result["shading"], result["precision"]) == (shading, precision)]
-                places = [(result["milliseconds"], result["rms"]) for result in own]
-                if not places:
-                    continue
-                look: dict[str, Any] = {"color": color, "marker": marker, "markerfacecolor": fill, "linewidth": 0.8}
-                axes.plot(*zip(*places, strict=True), label=f"{shading}, {precision}", **look)
-                for result, place in zip(own, places, strict=True):
-                    if (shading, precision) in (("flat", "float32"), ("phong", "float64")) and result["faces"]:
-                        axes.annotate(f"{result['faces']:,}", place, (6, 4), textcoords="offset points", fontsize=7)
-        axes.set(xscale="log", yscale="log")
+        for (shading, (color, marker)), precision in itertools.product(SHADINGS.items(), ("float32", "float64")):
+            own = [r for r in record["results"] if (r["shading"], r["precision"]) == (shading, precision)]
+            places = [(result["milliseconds"], max(result["rms"], FLOOR)) for result in own]
+            look: dict[str, Any] = {"color": color, "marker": marker, "linewidth": 0.8, "clip_on": False}
+            look["markerfacecolor"] = color if precision == "float32" else "white"
+            axes.plot(*zip(*places, strict=True), label=f"{shading}, {precision}", **look)
+            for result, place in zip(own, places, strict=True):
+                left = (shading, precision) == ("flat", "float32")
+                if left or (shading, precision) == ("phong", "float64"):
+                    text, offset = f"{result['faces']:,} faces", (-7, -2) if left else (7, -2)
+                    side = "right" if left else "left"
+                    axes.annotate(text, place, offset, textcoords="offset points", fontsize=7, ha=side)
+                if not result["rms"]:
+                    axes.annotate("the reference", place, (8, 3), textcoords="offset points", fontsize=7)
         plain_log(axes.yaxis)
         ticks = [1, 2, 5, 10, 20, 50, 100]
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
-        axes.set_xlim(1, 100)
+        axes.set(xlim=(1, 100), ylim=(FLOOR, 1))
         axes.set(xlabel="milliseconds for one image, warm", ylabel="root mean square error of linear RGB")
         axes.grid(True)
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="center right")
     return figure
 
 
 def summary(record: dict[str, Any]) -> str:
-    """The table behind the figure."""
+    """The tables behind the figure, and of the three ways of interpolation."""
     from brdfcheck.studies import table
 
-    rows = [
-        (r["shading"], f"{r['faces']:,}" if r["faces"] else "", r["precision"], f"{r['milliseconds']:.2f}", f"{r['rms']:.2g}",
-         f"{100 * r['share']:.2g} %")
-        for r in record["results"]
-    ]  # fmt: skip
+    def rows(found: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+        return [
+            (r["shading"], f"{r['faces']:,}" if r["faces"] else "", r["precision"], f"{r['milliseconds']:.2f}",
+             f"{r['rms']:.2g}", f"{100 * r['share']:.1f} %")
+            for r in found
+        ]  # fmt: skip
+
     header = ("shading", "faces", "precision", "ms", "rms error", "pixels off by more than half an 8-bit step")
-    return f"Of {record['settings']['pixels'][0]} x {record['settings']['pixels'][1]} pixels:\n\n{table(header, rows)}"
+    return (
+        f"Of {record['settings']['pixels'][0]} x {record['settings']['pixels'][1]} pixels:\n\n"
+        f"{table(header, rows(record['results']))}\n\nInterpolation in the triangle by three methods:\n\n"
+        f"{table(header, rows(record['summary']['methods']))}"
+    )
 
 
 if __name__ == "__main__":
