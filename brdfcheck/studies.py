@@ -123,7 +123,7 @@ def _made(record: Mapping[str, Any]) -> str:
 
 def write_gallery(reports: Path) -> Path:
     """The page that shows every report in the folder, in the order of the alphabet: the same text for the same reports."""
-    parts = ["# Reports", "", "Made by `brdfcheck study all`; this page too. Each figure is made of the numbers in its record."]
+    parts, seconds = [], 0.0
     for path in sorted(reports.glob("*/record.json")):
         try:
             record = json.loads(path.read_text(encoding="utf-8"))
@@ -132,6 +132,7 @@ def write_gallery(reports: Path) -> Path:
         if not isinstance(record, dict) or "study" not in record:
             continue
         name = path.parent.name
+        seconds += record["summary"].get("seconds", 0)
         small = "" if record["settings"].get("size") == "full" else " (small size)"
         answer = record["answer"]
         parts += ["", f"## {record['question']}{small}", "", answer[:1].upper() + answer[1:], ""]
@@ -139,7 +140,11 @@ def write_gallery(reports: Path) -> Path:
         links = [f"[{label}]({name}/{file})" for label, file in (("numbers", "summary.md"), ("record", "record.json"))]
         parts.append(f"`brdfcheck study {name}` · {' · '.join(links)} · [SVG]({name}/figure.svg)")
     page = reports / _GALLERY
-    records.write_atomically(page, "\n".join(parts) + "\n")
+    head = (
+        "# Reports\n\nMade by `brdfcheck study all`; this page too. Each figure is made of the numbers in its record. The runs"
+        f" behind them took {seconds / 60:.1f} minutes together."
+    )
+    records.write_atomically(page, "\n".join([head, *parts]) + "\n")
     return page
 
 

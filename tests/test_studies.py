@@ -102,6 +102,7 @@ def test_the_gallery_shows_every_report_in_order(tmp_path):
     for name in ("beta", "alpha", "broken", "foreign"):
         (tmp_path / name).mkdir()
         record = {"study": name, "question": f"What of {name}?", "answer": "Much.", "settings": {"size": "full"}}
+        record["summary"] = {"seconds": 33.0}
         text = {"broken": "{", "foreign": "[]"}.get(name, json.dumps(record))
         (tmp_path / name / "record.json").write_text(text)
     page = studies.write_gallery(tmp_path)
@@ -109,6 +110,7 @@ def test_the_gallery_shows_every_report_in_order(tmp_path):
     assert page.name == "README.md"
     assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["What of alpha?", "What of beta?"]
     assert "[![What of alpha?](alpha/figure.png)](alpha/summary.md)" in text
+    assert " took 1.1 minutes together." in text
     studies.write_gallery(tmp_path)
     assert page.read_text() == text
 
@@ -120,14 +122,18 @@ def test_the_committed_reports_are_full_size_and_linked():
     assert linked
     for link in linked:
         assert (gallery.parent / link).is_file(), link
+    seconds = 0.0
     for path in gallery.parent.glob("*/record.json"):
         record = json.loads(path.read_text())
+        seconds += record["summary"]["seconds"]
         assert record["settings"]["size"] == "full", path
         assert path.stat().st_size < 300_000, path
         assert f"({path.parent.name}/figure.png)" in text, path
         assert record["summary"]["seconds"] < 120, path
         # The answer in the record is the one that the study gives today.
         assert record["answer"] == STUDIES[record["study"]].answer, path
+    assert {path.parent.name for path in gallery.parent.glob("*/record.json")} == set(STUDIES)
+    assert seconds < 15 * 60
 
 
 # --- where the studies are ---

@@ -68,6 +68,7 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
     _refuse_folder(reports, out)
     start()
     failed = []
+    first = time.perf_counter()
     for study in chosen:
         began = time.perf_counter()
         try:
@@ -84,6 +85,8 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
             output.line(f"{study.name}  failed: {type(error).__name__}: {one_line(error)}")
             continue
         output.line(f"{study.name}  {time.perf_counter() - began:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
+    if len(chosen) > 1:
+        output.line(f"{len(chosen) - len(failed)} of {len(chosen)} studies in {(time.perf_counter() - first) / 60:.1f} minutes")
     try:
         output.line(f"wrote {studies.write_gallery(reports)}")
     except OSError as error:
