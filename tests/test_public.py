@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+import brdfcheck
 
 PACKAGES = ("brdfcheck", "brdfcheck.quadrature", "brdfcheck.transport")
 NAMES = [(package, name) for package in PACKAGES for name in importlib.import_module(package).__all__]
@@ -36,3 +40,20 @@ def test_parameters_of_public_functions_are_named_or_typed():
 def test_importing_the_package_imports_no_jax():
     code = "import sys, brdfcheck, brdfcheck.transport; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_whatever_the_api_page_shows_says_what_it_is():
+    """Module-level functions and classes of every module, also of those without `__all__`."""
+    package = Path(brdfcheck.__file__).parent
+    silent = []
+    for path in sorted(package.rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        public = [
+            node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_")
+        ]
+        silent += [
+            f"{path.relative_to(package)}: {getattr(node, 'name', '')}"
+            for node in [tree, *public]
+            if not ast.get_docstring(node)
+        ]
+    assert silent == []
