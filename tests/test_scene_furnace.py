@@ -29,3 +29,11 @@ def test_lobes_about_an_axis_keep_four_digits_in_float32(name):
     single, double = (np.asarray(albedo(jnp.asarray(n, t), jnp.asarray(cosine, t))) for t in (jnp.float32, jnp.float64))
     assert single.dtype == np.float32
     np.testing.assert_allclose(single, double, rtol=1e-4, atol=1e-4)
+
+
+def test_the_integral_is_compiled_once_whatever_the_number_of_pixels():
+    brdf = catalog.entry("blinn-phong").family.build(n=20.0)
+    programs = [
+        str(jax.make_jaxpr(lambda mu: directional_albedo(brdf, mu))(jnp.linspace(0.1, 1, count))) for count in (8, 1001)
+    ]
+    assert programs[0].count("atan2") == programs[1].count("atan2") > 0  # no second program for a last, smaller batch

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -143,6 +144,56 @@ def test_a_large_furnace_integrates_each_angle_once():
     np.testing.assert_allclose(square[number][number >= 0], distance[number >= 0], rtol=1e-12)
     assert np.all(distance[number < 0] >= 1)
     assert np.all(distance[number >= 0] < 1)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
+    tile = presets._false_tile("binomial-power-unclamped", {"n": 40}, 49, samples).reshape(3, -1, 1)
+    excess = np.concatenate([np.linspace(-1, 0, 400), np.geomspace(1e-4, 4, 4000)])
+    ground = np.array(presets._GROUND)[:, None]
+    scale = np.concatenate([drawing.false_color(excess), ground], axis=1)[:, None]
+    assert np.abs(tile - scale).max(axis=0).min(axis=1).max() < 0.01
+    away = np.abs(tile[..., 0] - ground).max(axis=0) > 1e-6
+    assert away.sum() == pytest.approx(np.pi * (49 / 2.1) ** 2, rel=0.02)
+    red, _, blue = tile[..., 0]
+    assert ((red > 0.6) & (blue < 0.2)).sum() > 20  # the rim, which returns several times what it gets
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "largest"),
+    [
+        ("cook-torrance-no-masking", {"m": 0.4}, 6.97),
+        ("blinn-phong-8", {"n": 8.76}, 1.0752),
+        ("lambert", {"reflectance": 1.2}, 1.2),
+    ],
+)
+def test_the_number_beside_a_furnace_is_the_albedo_at_stated_angles(name, parameters, largest):
+    found = presets.furnace_largest(name, parameters)
+    assert found == pytest.approx(largest, rel=1e-3)
+    brdf = catalog.entry(name).family.build(**parameters)
+    every = [float(albedo(brdf, np.cos(np.radians(angle))).value) for angle in (0.0, 45.0, 89.0)]
+    assert found == pytest.approx(max(every), rel=1e-4)
+
+
+def test_lobes_of_one_kind_are_one_program_of_the_furnace(monkeypatch):
+    traces = []
+    real = presets.directional_albedo
+    monkeypatch.setattr(presets, "_integrated", eqx.filter_jit(lambda *a: traces.append(1) or real(*a)))
+    presets._ratios.cache_clear()
+    for name in ("blinn-phong", "blinn-phong-6", "blinn-phong-fitted"):
+        for side, n in ((5, 20), (7, 2.5)):
+            presets.furnace_tile(name, {"n": n}, side, 2)
+            presets.furnace_largest(name, {"n": n})
+    presets._ratios.cache_clear()
+    assert len(traces) == 1
+
+
+def test_a_turned_square_has_in_its_middle_what_its_title_says():
+    for degrees in (0.0, 20.0, 45.0):
+        inside, lines, halves = presets._turned_square(jnp.zeros((2, 1, 1)), jnp.asarray(np.radians(degrees)))
+        assert bool(inside[0, 0])
+        assert float(lines[0, 0]) == pytest.approx((1 + np.tan(np.radians(degrees))) / 2, abs=1e-12)
+        assert float(halves[0, 0]) == pytest.approx(0, abs=1e-12)
 
 
 def test_metals_are_exposed_below_white():

@@ -166,7 +166,7 @@ def test_furnace_is_what_brute_force_adds_up(term):
 def test_a_published_brdf_glows_by_its_excess():
     term = Term("binomial-power-published", n=17.85)
     image = sphere_image(Surface(term, allow_unvalidated=True), (Environment(0.5),), size=(33, 33), background=0.5)
-    excess = furnace.excess(image, 0.5)
+    excess = np.asarray(image).max(axis=0) / 0.5 - 1
     assert excess[16, 16] == pytest.approx(0.00160, abs=5e-6)
     assert excess[0, 0] == 0
     # Fresnel's share is part of the integral, and lossless channels show in the largest.

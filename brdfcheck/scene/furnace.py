@@ -93,10 +93,8 @@ def directional_albedo(
 
     flat = cosine.reshape(-1)
     nodes = 3 * around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([flat[0]] if facets else [])).size
-    found = jax.lax.map(pixel, flat, batch_size=max(min(_BLOCK // nodes, flat.size), 1))
+    batch = max(min(_BLOCK // nodes, flat.size), 1)
+    # Whole batches: the program of a remainder would be compiled besides.
+    padded = jnp.pad(flat, (0, -flat.size % batch), mode="edge")
+    found = jax.lax.map(pixel, padded, batch_size=batch)[: flat.size]
     return jnp.moveaxis(found, 0, -1).reshape(*found.shape[1:], *cosine.shape)
-
-
-def excess(image: Float[Array, "3 h w"], radiance: Any = 1.0) -> Float[np.ndarray, "h w"]:
-    """How much brighter than its surroundings each pixel is, as a share: 0.0016 is 0.16 % too much; negative is a loss."""
-    return np.max(np.asarray(image) / np.asarray(radiance), axis=0) - 1

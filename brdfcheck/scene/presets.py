@@ -15,18 +15,21 @@ from types import MappingProxyType
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from brdfcheck import albedo, catalog
+from brdfcheck.factors import Constant, Normalized, PerCosine, peel
 from brdfcheck.scene import failures, meshes
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.drawing import color_scale, curve, false_color, stacked
+from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.images import contact_sheet
+from brdfcheck.scene.interpolation import area_weights, interpolated, scan_line_weights
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
-from brdfcheck.scene.shading import shade
 from brdfcheck.scene.smooth import render_mesh
 from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
@@ -66,11 +69,11 @@ class Canvas:
         return np.broadcast_to(board, (3, *board.shape))
 
 
-def averaged(image: Any, samples: int) -> Image:
-    """The mean of squares of samples x samples pixels."""
+def averaged(image: Any, samples: int) -> Float[np.ndarray, "... height width"]:
+    """The mean of squares of samples x samples pixels, of shape (..., height, width)."""
     array = np.asarray(image, np.float32)
-    _, height, width = array.shape
-    return array.reshape(3, height // samples, samples, width // samples, samples).mean(axis=(2, 4))
+    *channels, height, width = array.shape
+    return array.reshape(*channels, height // samples, samples, width // samples, samples).mean(axis=(-3, -1))
 
 
 @dataclass(frozen=True)
@@ -226,22 +229,39 @@ def _distances(side: int, samples: int = 1) -> tuple[Float[np.ndarray, " k"], In
     return found[hit] / limit, number.reshape(count, count) - int(not hit.all())
 
 
-@eqx.filter_jit
-def _around(
-    surface: Surface, lights: list[Environment], sine: Float[Array, " k"], cosine: Float[Array, " k"]
-) -> Float[Array, "3 k"]:
-    zero = jnp.zeros_like(sine)
-    return shade(surface, lights, (sine, zero, cosine), (sine, zero, cosine), (0.0, 0.0, 1.0))
+def _alike(brdf: Any) -> Any:
+    """The BRDF in single precision with its factor as a number: lobes of one kind are then one compiled program."""
+    if isinstance(brdf, PerCosine):
+        return PerCosine(_alike(brdf.base))
+    core, scale = peel(brdf)
+    if hasattr(core, "n"):
+        brdf = Normalized(core, Constant(scale(1.0)))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), brdf)
+
+
+_integrated = eqx.filter_jit(directional_albedo)
+_AT_ONCE = 512  # angles in one call, whatever the size of the picture: no other program for another number of them
+
+
+def _reflected(name: str, parameters: Mapping[str, float], cosine: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """What a catalogue BRDF reflects of a uniform surrounding of radiance 1, integrated at each cosine."""
+    brdf = _alike(catalog.entry(name).family.build(**parameters))
+    padded = np.pad(cosine, (0, -cosine.size % _AT_ONCE), mode="edge").astype(np.float32).reshape(-1, _AT_ONCE)
+    return np.concatenate([_integrated(brdf, jnp.asarray(part)) for part in padded])[: cosine.size]
 
 
 @functools.lru_cache(maxsize=128)
 def _ratios(name: str, parameters: tuple[tuple[str, float], ...], side: int, samples: int) -> Float[np.ndarray, " k"]:
-    """What a catalogue BRDF reflects of a uniform surrounding of radiance 1, integrated at each of the `_distances`."""
-    square, _ = _distances(side, samples)
-    # By the lobe, not by its name: lobes of one kind with other factors are then one compiled program.
-    surface = Surface(Term(catalog.entry(name).family.build(**dict(parameters))), allow_unvalidated=True)
-    sine, cosine = (jnp.asarray(np.sqrt(part), jnp.float32) for part in (square, 1 - square))
-    return np.asarray(_around(surface, [Environment(1.0)], sine, cosine)).max(axis=0)
+    """`_reflected` at each of the `_distances`."""
+    return _reflected(name, dict(parameters), np.sqrt(1 - _distances(side, samples)[0]))
+
+
+def furnace_largest(name: str, parameters: Mapping[str, float]) -> float:
+    """The most that a catalogue BRDF reflects of a uniform surrounding of radiance 1, of all whole degrees from 0 to 89.
+
+    Some published forms have no largest value at 90 degrees, and the brightest pixel of a picture depends on its size.
+    """
+    return float(_reflected(name, parameters, np.cos(np.radians(np.arange(90.0)))).max())
 
 
 def _disc(colors: Float[np.ndarray, "3 k"], ground: Any, side: int, samples: int) -> Image:
@@ -272,10 +292,22 @@ def furnace_excess(name: str, parameters: Mapping[str, float], side: int) -> Flo
 _GROUND = (0.55, 0.68, 0.85)  # pale blue: what is not the sphere
 
 
+def _colored(excess: Float[np.ndarray, "n n"], covered: Float[np.ndarray, "n n"], *scale: float) -> Image:
+    """An excess in false colour where a pixel is `covered` by half or more, and the ground elsewhere.
+
+    Both are means over the samples of a pixel, the excess 0 beside the object. The excess is averaged, not its colour: a
+    mean of colours is on no scale.
+    """
+    inside = covered >= 0.5
+    mean = excess / np.where(inside, covered, 1)
+    return np.where(inside, false_color(mean, *scale), np.array(_GROUND)[:, None, None]).astype(np.float32)
+
+
 def _false_tile(name: str, parameters: Mapping[str, float], side: int, samples: int) -> Image:
     """The excess in false colour."""
-    ratios = _ratios(name, tuple(parameters.items()), side, samples)
-    return _disc(false_color(ratios - 1), _GROUND, side, samples)
+    number = _distances(side, samples)[1]
+    excess = np.append(_ratios(name, tuple(parameters.items()), side, samples) - 1, np.float32(0))[number]
+    return _colored(averaged(excess, samples), averaged(number >= 0, samples))
 
 
 def _furnace_pair(canvas: Canvas, name: str, parameters: Mapping[str, float]) -> list[Image]:
@@ -287,24 +319,28 @@ def _numbers(parameters: Mapping[str, float]) -> str:
 
 
 def _share(most: float) -> str:
-    if most > 1:
-        return f"{1 + most:.3g} times"
-    return f"+{most:.2%}" if most > 1e-5 else "conserves"
+    if most > 2:
+        return f"{most:.3g} times"
+    return f"+{most - 1:.2%}" if most - 1 > 1e-5 else "conserves"
 
 
 _SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
 
 
 def _furnace(canvas: Canvas) -> Image:
-    rows, labels = [], []
+    # First what returns all light and vanishes: the validated lobes of the others lose some away from the normal.
+    white, whiter = {"reflectance": 1.0}, {"reflectance": 1.2}
+    rows = [_furnace_pair(canvas, "lambert", white) + _furnace_pair(canvas, "lambert", whiter)]
+    labels = [f"lambert, reflectance = 1, beside 1.2: {_share(furnace_largest('lambert', whiter))}"]
     for name, parameters, validated in PAIRS:
         rows.append(_furnace_pair(canvas, validated, parameters) + _furnace_pair(canvas, name, parameters))
-        label = f"{name}, {_numbers(parameters)}: {_share(float(furnace_excess(name, parameters, canvas.side).max()))}"
+        label = f"{name}, {_numbers(parameters)}: {_share(furnace_largest(name, parameters))}"
         if name == "phong-classical":  # not reciprocal, and the furnace gathers over the direction of the light
             other = float(albedo(catalog.entry(name).family.build(**parameters), np.cos(np.radians(89.0))).value)
             label += f"\n(summed over views, light at 89 degrees: {other:.3g} times)"
         labels.append(label)
-    sheet = contact_sheet(rows, columns=("validated", "excess", "published", "excess"), labels=labels)
+    columns, down = ("validated", "excess", "published", "excess"), "the largest of 0 to 89 degrees"
+    sheet = contact_sheet(rows, columns=columns, labels=labels, down=down)
     return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
 
 
@@ -367,9 +403,8 @@ def _polygon_light(canvas: Canvas) -> Image:
         canvas.sphere(matt, [Polygon(_SQUARE, 1.2, horizon_clipping=clipped)], camera, background=0.02)
         for clipped in (True, False)
     ]
-    covered = canvas.sphere(Surface(Term("lambert", 1.0)), [Ambient(1.0)], camera)
-    difference = covered * false_color(np.abs(images[1] - images[0]).max(axis=0), 1e-3, 1.0)
-    difference += (1 - covered) * np.array(_GROUND)[:, None, None]
+    covered = canvas.sphere(Surface(Term("lambert", 1.0)), [Ambient(1.0)], camera)[0]
+    difference = _colored(np.abs(images[1] - images[0]).max(axis=0), covered, 1e-3, 1.0)
     sheet = contact_sheet([[*images, difference]], columns=("clipped", "not clipped", "difference"))
     return stacked(sheet, color_scale(sheet.shape[2], "difference of the radiance; white: less than 0.001", 1e-3, 1.0))
 
@@ -488,6 +523,36 @@ def _sheets(canvas: Canvas) -> Image:
     return contact_sheet(rows, columns=columns, labels=("flat", "gouraud"), across="contrast of facets, of averaged normals")
 
 
+_CORNERS, _COLORS = ((-0.7, -0.7), (0.7, -0.7), (0.7, 0.7), (-0.7, 0.7)), (0.0, 1.0, 0.0, 1.0)
+
+
+@jax.jit
+def _turned_square(at: Float[Array, "2 n n"], angle: Float[Array, ""]) -> tuple[Array, Array, Array]:
+    """Points in a turned square with colours at its corners: whether they are inside, by scan lines, by two triangles."""
+    turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
+    corners, colors = jnp.asarray(_CORNERS) @ turn.T, jnp.asarray(_COLORS)
+    own = jnp.tensordot(turn.T, at, 1)
+    halves = [interpolated(area_weights(corners[part], at), colors[part]) for part in np.array([[0, 1, 2], [0, 2, 3]])]
+    inside = jnp.max(jnp.abs(own), axis=0) <= _CORNERS[2][0]
+    return inside, interpolated(scan_line_weights(corners, at), colors), jnp.where(own[0] > own[1], *halves)
+
+
+def _quadrilaterals(canvas: Canvas) -> Image:
+    axis = (np.arange(canvas.size[0]) + 0.5) / canvas.size[0] * 2.1 - 1.05
+    at, ground = jnp.stack(jnp.meshgrid(axis, -axis)), np.array(_GROUND)[:, None, None]
+    columns, pictures = [], []
+    for degrees in (0, 15, 30, 45):
+        angle = jnp.asarray(np.radians(degrees))
+        inside, *ways = _turned_square(at, angle)
+        # Cut: rounding goes below 0.
+        pictures.append([canvas.mean(np.where(inside, np.clip(way, 0, 1), ground)) for way in ways])
+        centre = failures.turned_quadrilateral(jnp.asarray(_CORNERS), jnp.asarray(_COLORS), jnp.zeros(2), angle)
+        columns.append(f"{degrees} degrees: {float(centre):.2f}")
+    rows = [list(row) for row in zip(*pictures, strict=True)]
+    across = "a square turned, its corners 0, 1, 0, 1: what the centre is by scan lines"
+    return contact_sheet(rows, columns=columns, labels=("scan lines", "two triangles"), across=across)
+
+
 # --- rays ---
 
 
@@ -542,6 +607,7 @@ _PRESETS: dict[str, Preset] = {
     "gouraud-phong": Preset("flat, Gouraud and Phong shading at 20 to 1280 faces", 176, _gouraud_phong),
     "silhouette-bleed": Preset("colour of the far side at the silhouette of a mesh lit from behind", 176, _bleed),
     "mach-bands": Preset("jumps of the slope that smooth shading leaves", 208, _mach_bands),
+    "quadrilaterals": Preset("scan-line interpolation in a square depends on how it is turned", 160, _quadrilaterals),
     "sheets": Preset("averaged normals: a zigzag vanishes, a corrugation stays", 224, _sheets),
     "glass": Preset("mirror, glass and matt spheres by rays: Fresnel, Snell, shadows", 384, _glass),
 }  # fmt: skip
