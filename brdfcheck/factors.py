@@ -40,15 +40,23 @@ class AbstractFactor(eqx.Module):
 
 @final
 class Factor(AbstractFactor):
-    r"""The two-constant factor $(n + A) / B$. ValueError unless A and B are finite and B > 0."""
+    r"""The two-constant factor $(n + A) / B$. ValueError unless A and B are finite and it is positive for some n >= 0.
+
+    So B > 0; or B < 0 and A < 0, a factor that falls with n and is of use for n < -A.
+    """
 
     A: Float[Array, ""]
     B: Float[Array, ""]
 
     def __init__(self, A: object, B: object):
-        self.A, self.B = as_parameter(A), _checked_positive(B, "B")
-        if not isinstance(self.A, Tracer) and not np.all(np.isfinite(np.asarray(self.A))):
+        self.A, self.B = as_parameter(A), as_parameter(B)
+        if isinstance(self.A, Tracer) or isinstance(self.B, Tracer):
+            return
+        if not np.all(np.isfinite(np.asarray(self.A))):
             raise ValueError(f"A must be finite; got {A}")
+        a, b = np.asarray(self.A), np.asarray(self.B)
+        if not np.all(np.isfinite(b) & ((b > 0) | ((b < 0) & (a < 0)))):
+            raise ValueError(f"B must be finite and {'not 0' if np.all(a < 0) else '> 0'}; got {B}")
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + self.A) / self.B

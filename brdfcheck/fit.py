@@ -42,6 +42,8 @@ SAMPLINGS: tuple[Sampling, ...] = ("geometric", "linear", "integers")
 _ROUNDS = 8
 # In units of the largest exponent. Beyond it (n+A)/B is a constant in all but name.
 _LARGEST_A = 1e6
+# A range that is narrower than this part of its end is one exponent: what a slope would win is below the error bars.
+_NARROW = 1e-9
 # Below this a factor loses so much of the light that the reader is told why.
 _WASTEFUL = 0.7
 
@@ -106,6 +108,11 @@ class RawAlbedo:
     def lobe(self) -> Any:
         """The family's member at the lower end of the range, without its factor."""
         return self.family.build(n=self.low)
+
+    @property
+    def single(self) -> bool:
+        """True where the range is one exponent in all but name: within it no factor varies."""
+        return self.high - self.low <= _NARROW * self.high
 
     @property
     def fast(self) -> bool:
@@ -199,11 +206,15 @@ def certify(raw: RawAlbedo, factor: Factor, *, tolerance: float = TOLERANCE) -> 
     excess = report.albedo + report.error
     if not math.isfinite(excess):
         raise ValueError(f"{raw.name}: the largest albedo is not finite, so no factor normalises it")
-    # A bar that contains 1 may be rounding alone: exact factors stay as they are.
-    if report.albedo - report.error > 1 or report.verdict is not Verdict.CONSERVES:
+    if not _kept(report):
         factor = Factor(factor.A, factor.B * excess)
         report = check_family(raw.with_factor(factor), tolerance=tolerance)
     return factor, report
+
+
+def _kept(report: Report) -> bool:
+    """Whether the factor may stay as it is. A bar that contains 1 may be rounding alone: exact factors stay."""
+    return report.albedo - report.error <= 1 and report.verdict is Verdict.CONSERVES
 
 
 def fit_factor(
@@ -219,8 +230,9 @@ def fit_factor(
 
     `family`: a catalogue name, a `Family`, or a class or function n -> BRDF; a factor that it already carries is taken off.
     `objective`: "minimax" keeps E <= 1 at every angle and makes the smallest albedo at normal incidence as large as a factor
-    of this form can; "least-squares" (sum of (E - 1)^2) and "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards.
-    These two see `samples` exponents spaced as `sampling` says: geometric, linear, or every integer of the range.
+    of this form can (B < 0, a line that falls with n, where the raw albedo rises); "least-squares" (sum of (E - 1)^2) and
+    "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see `samples` exponents spaced as `sampling`
+    says: geometric, linear, or every integer of the range.
 
     Raises ValueError for a bad range, objective or sampling, for a family without an exponent n, and where no factor of this
     form conserves; KeyError for an unknown name.
@@ -242,7 +254,7 @@ def fit_factor(
 
 
 def _samples(raw: RawAlbedo, sampling: Sampling, count: int) -> np.ndarray:
-    if raw.low == raw.high:
+    if raw.single:
         return np.array([raw.low])
     if sampling == "integers":
         whole = np.arange(math.ceil(raw.low), math.floor(raw.high) + 1, dtype=float)
@@ -314,23 +326,25 @@ def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int], *,
     history: list[Step] = []
     ceiling = _ceiling(raw)
     factor: AbstractFactor | None = None
+    best_of_its_form = True
     for _ in range(_ROUNDS):
-        if raw.low == raw.high:
-            factor = _one_point_form(degrees, raw.low, float(max(np.append(ceiling.albedo, raw(np.array([raw.low]))))))
+        if raw.single:
+            ends = raw(np.array([raw.low, raw.high]))
+            factor = _one_point_form(degrees, raw.low, float(max(np.append(ceiling.albedo, ends))))
             history.append(_step(raw, factor, "one exponent"))
         else:
             best, steps = best_rational(raw, raw.grid(), degrees, ceiling, rounds=8 if raw.fast else 2)
-            factor = _as_factor(raw, best)
-            history += [Step(_as_factor(raw, step), step.largest, step.smallest, "exchange") for step in steps]
+            factor = _as_factor(raw, degrees, best)
+            history += [Step(_as_factor(raw, degrees, step), step.largest, step.smallest, "exchange") for step in steps]
         report = check_family(raw.with_factor(factor), tolerance=tolerance)
         if not math.isfinite(report.albedo + report.error):
             raise ValueError(f"{raw.name}: the largest albedo is not finite, so no factor normalises it")
-        if report.albedo <= 1 + 1e-10 and report.verdict is Verdict.CONSERVES:
+        if _kept(report):
             break
         if not report.albedo > 1 + 1e-6:  # what is left is the accuracy of the search: take it off the factor
             factor = _shrunk(factor, report.albedo + report.error)
             report = check_family(raw.with_factor(factor), tolerance=tolerance)
-            if report.verdict is Verdict.CONSERVES:
+            if _kept(report):
                 break
         # The worst place over all angles joins the program.
         place = np.array([report.parameters["n"]])
@@ -339,9 +353,10 @@ def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int], *,
         history.append(Step(factor, report.albedo, history[-1].smallest, f"check: worst at {report.angle:.4g} degrees"))
     else:
         assert factor is not None
+        best_of_its_form = False
         factor = _shrunk(factor, report.albedo + report.error)
         report = check_family(raw.with_factor(factor), tolerance=tolerance)
-    return _result(raw, factor, report, history, "minimax", "continuous")
+    return _result(raw, factor, report, history, "minimax", "continuous", best_of_its_form)
 
 
 def _shrunk(factor: AbstractFactor, by: float) -> AbstractFactor:
@@ -368,14 +383,14 @@ def _ceiling(raw: RawAlbedo) -> Ceiling:
     return Ceiling(n[steeper], worst[steeper])
 
 
-def _as_factor(raw: RawAlbedo, best: Rational) -> AbstractFactor:
+def _as_factor(raw: RawAlbedo, degrees: tuple[int, ...], best: Rational) -> AbstractFactor:
     numerator, denominator = best.numerator, best.denominator
     if len(denominator) > 1:
         scale = denominator[np.argmax(np.abs(denominator))]
         return RationalFactor(numerator / scale, denominator / scale)
-    if len(numerator) == 1:
+    if degrees == (0, 0):
         return Constant(numerator[0])
-    if numerator[0] == 0 and numerator[1] > 0:
+    if degrees == (1, 0, 1):
         return Proportional(1 / numerator[1])
     return _two_constants(raw, numerator[0], numerator[1])
 
@@ -383,16 +398,24 @@ def _as_factor(raw: RawAlbedo, best: Rational) -> AbstractFactor:
 def _two_constants(raw: RawAlbedo, intercept: float, slope: float) -> Factor:
     """(n+A)/B for the line intercept + slope n.
 
-    Where the raw albedo does not fall with n, the best line does not rise: then A and B are so large that the factor is a
-    constant in all but name.
+    A level line has no such form: then A and B are so large that the factor is a constant in all but name. So it is where the
+    line falls below 0 within the range, which only a curve fit without constraints does.
     """
-    if slope * raw.high * _LARGEST_A > abs(intercept):
+    largest = _LARGEST_A * raw.high
+    steep = abs(slope) * largest > abs(intercept)
+    if steep and (slope > 0 or intercept + slope * raw.high > 0):
         return Factor(intercept / slope, 1 / slope)
-    return Factor(_LARGEST_A * raw.high, _LARGEST_A * raw.high / abs(intercept))
+    return Factor(largest, (largest + raw.high) / abs(intercept))
 
 
 def _result(
-    raw: RawAlbedo, factor: AbstractFactor, report: Report, history: list[Step], objective: str, sampling: str
+    raw: RawAlbedo,
+    factor: AbstractFactor,
+    report: Report,
+    history: list[Step],
+    objective: str,
+    sampling: str,
+    best_of_its_form: bool = False,
 ) -> FactorFit:
     smallest, where = raw.lowest(factor)
     fitted = history[0].factor if objective != "minimax" else history[-1].factor
@@ -414,15 +437,15 @@ def _result(
         n=(raw.low, raw.high),
         fitted=fitted,
         report=report,
-        remark=_remark(raw, found) if smallest < _WASTEFUL else "",
+        remark=_remark(raw, found, best_of_its_form) if smallest < _WASTEFUL else "",
         **found,
     )
 
 
-def _remark(raw: RawAlbedo, fit: dict[str, Any]) -> str:
+def _remark(raw: RawAlbedo, fit: dict[str, Any], best_of_its_form: bool) -> str:
     """Why a factor wastes: an angle or a growth of the raw albedo that no factor of this form can follow."""
     smallest, where, at = fit["smallest"], fit["smallest_n"], fit["at"]
-    best = "even the best factor of this form" if fit["objective"] == "minimax" else "this factor"
+    best = "even the best factor of this form" if best_of_its_form else "this factor"
     text = f"{best} reflects only {smallest:.4g} of the light at n={where:.5g}"
     worst = np.array([at["n"]])
     normal = float(raw(worst)[0])
@@ -436,8 +459,8 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any]) -> str:
     low, high = (float(value) for value in raw(np.array([raw.low, raw.high])))
     if high > low:
         return (
-            f"{text}: the raw albedo does not fall with n ({low:.4g} at n={raw.low:g}, {high:.4g} at n={raw.high:g}), and of"
-            " the factors that do not fall with n, B > 0, the best is a constant in all but name"
+            f"{text}: the raw albedo does not fall with n ({low:.4g} at n={raw.low:g}, {high:.4g} at n={raw.high:g}), and a"
+            " straight line cannot fall as it rises"
         )
     places = np.unique([raw.low, where, raw.high])
     products = places * raw(places)
@@ -495,6 +518,8 @@ def describe(factor: AbstractFactor, digits: int = 6) -> str:
     """The factor as a formula in n."""
     if isinstance(factor, Factor):
         a, b = float(factor.A), float(factor.B)
+        if b < 0:
+            return f"({-a:.{digits}g} - n)/{-b:.{digits}g}"
         return f"(n {'+' if a >= 0 else '-'} {abs(a):.{digits}g})/{b:.{digits}g}"
     if isinstance(factor, Constant):
         return f"{float(factor.value):.{digits}g}"

@@ -17,13 +17,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import polynomial
 from scipy.optimize import linprog
 
 _EXCHANGES = 12
 # An extremum that is refined starts on a grid this fine and shrinks by _ZOOM a round.
 _ZOOM = 8
-# Raw albedos that differ by more than this are beyond the linear program's accuracy.
-_HOPELESS = 1e9
+# A form that loses less than this is not made richer: what a further coefficient would win is lost to rounding.
+_NOTHING = 1e-9
+# How near to the range the zero of a line may lie, in parts of its end: nearer, nothing is left of n + A but rounding.
+_NEAREST_ZERO = 1e-8
 
 
 @dataclass(frozen=True)
@@ -95,17 +98,19 @@ def best_rational(
 
     `raw`: exponents (points,) -> raw albedo at normal incidence, > 0. `grid`: rising exponents to begin with, from one end
     of the range to the other. `ceiling`: further raw albedos that must stay at or below 1. (p, q, r): P starts at the power r.
-    Raises ValueError where no such factor exists.
+    Raises ValueError where a raw albedo is not finite and > 0.
     """
-    lowest = degrees[2] if len(degrees) > 2 else 0
+    p, q, lowest = (*degrees, 0)[:3]
     n, albedo = grid, raw(grid)
     if not np.all(np.isfinite(albedo) & (albedo > 0)):
         wrong = np.flatnonzero(~(np.isfinite(albedo) & (albedo > 0)))[0]
         raise ValueError(f"the raw albedo must be finite and > 0 to be normalised; it is {albedo[wrong]:g} at n={n[wrong]:g}")
+    basis = _Basis(float(grid[0]), float(grid[-1]))
     above = Ceiling(np.zeros(0), np.zeros(0)) if ceiling is None else ceiling
     steps: list[Rational] = []
     for _ in range(_EXCHANGES):
-        numerator, denominator = _solve(n, albedo, above, (lowest, degrees[0], degrees[1]))
+        found = _solve(basis, n, albedo, above, p, q, lowest)
+        numerator, denominator = basis.powers(found[0], p + 1, lowest), basis.powers(found[1], q + 1)
         trial = Rational(numerator, denominator, 0, 0, 0, 0)
         order = np.argsort(n)
         normalised = (trial(n) * albedo)[order]
@@ -114,75 +119,141 @@ def best_rational(
         steps.append(Rational(numerator, denominator, value[low], place[low], value[high], place[high]))
         new = ~np.isin(place, n)
         n, albedo = np.concatenate([n, place[new]]), np.concatenate([albedo, (value / trial(place))[new]])
-        if value[high] <= normalised.max() + 1e-12 and value[low] >= normalised.min() - 1e-12:
+        if value[high] <= normalised.max() + 1e-12 and value[low] >= normalised.min() * (1 - 1e-12):
             break
     return steps[-1], steps
 
 
-def _solve(n: np.ndarray, albedo: np.ndarray, above: Ceiling, powers: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of P and Q that are best on finitely many exponents."""
-    lowest, p, q = powers
-    # Both polynomials are divided by (n + s)^q, so that Q is of order 1 and P e of the order of the albedo.
-    scale = np.sqrt(1 + n.max()) if q else 1.0
+@dataclass(frozen=True)
+class _Basis:
+    r"""Polynomials on [low, high] as sums of $u^i v^{d-i}$, where u = c (n - low)/(high - low), v = (high - n)/(high - low).
 
-    def basis(at: np.ndarray, first: int, last: int) -> np.ndarray:
-        return at[:, None] ** np.arange(first, last + 1) / (at[:, None] + scale) ** q
+    They are positive between the ends and never nearly alike, however narrow the range. c = sqrt((1 + high)/(1 + low)) puts
+    the place where u = v at the geometric mean, so that a range of many decades is resolved at both ends.
+    """
 
-    top = basis(n, lowest, p) * albedo[:, None]
-    column = np.abs(top).max(axis=0)
-    top = top / column
+    low: float
+    high: float
+
+    def parts(self, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        width = self.high - self.low
+        return np.sqrt((1 + self.high) / (1 + self.low)) * (n - self.low) / width, (self.high - n) / width
+
+    def __call__(self, n: np.ndarray, degree: int, over: int, lowest: int = 0) -> np.ndarray:
+        """n^lowest u^i v^(degree - lowest - i) / (u + v)^over: shape (points, degree - lowest + 1)."""
+        u, v = self.parts(n)
+        powers = np.arange(degree - lowest + 1)
+        terms = u[:, None] ** powers * v[:, None] ** powers[::-1]
+        return terms * (n**lowest / (u + v) ** over)[:, None]
+
+    def powers(self, coefficients: np.ndarray, count: int, lowest: int = 0) -> np.ndarray:
+        """Coefficients of 1, n, n^2, ... from those of this basis, filled up with zeros to `count`."""
+        # In powers of n - low first: coefficients there are differences of like numbers; only the last step adds large ones.
+        width = self.high - self.low
+        u, v = np.array([0, np.sqrt((1 + self.high) / (1 + self.low)) / width]), np.array([1, -1 / width])
+        shifted = np.zeros(1)
+        for i, coefficient in enumerate(coefficients):
+            term = np.array([coefficient])
+            for factor in [u] * i + [v] * (len(coefficients) - 1 - i):
+                term = polynomial.polymul(term, factor)
+            shifted = polynomial.polyadd(shifted, term)
+        total = np.zeros(1)
+        for coefficient in shifted[::-1]:
+            total = polynomial.polyadd(polynomial.polymul(total, np.array([-self.low, 1.0])), np.array([coefficient]))
+        total = np.pad(total, (0, max(len(coefficients) - len(total), 0)))[: len(coefficients)]
+        total = np.r_[np.zeros(lowest), total]
+        return np.pad(total, (0, count - len(total)))
+
+
+def _solve(
+    basis: _Basis, n: np.ndarray, albedo: np.ndarray, above: Ceiling, p: int, q: int, lowest: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of P and Q in `basis` that are best on finitely many exponents; fewer where fewer lose nothing."""
     roof_n = np.concatenate([n, above.n])
-    roof_albedo = np.concatenate([albedo, above.albedo])
-    roof = basis(roof_n, lowest, p) * roof_albedo[:, None] / column
-    if roof_albedo.max() > _HOPELESS * roof_albedo.min():
-        # Below the solver's tolerance nothing can be optimised: the constant that keeps the largest albedo at 1.
-        return np.r_[1 / roof_albedo.max(), np.zeros(p)], np.r_[1.0, np.zeros(q)]
+    # Both polynomials are divided by (u + v)^q, so that Q is of order 1. Each column of P alone just keeps the roof at 1:
+    # the program's numbers are of order 1 whatever the albedo spans.
+    top, roof = basis(n, p, q, lowest), basis(roof_n, p, q, lowest)
+    roof = roof * np.concatenate([albedo, above.albedo])[:, None]
+    column = roof.max(axis=0)
+    top, roof = top * albedo[:, None] / column, roof / column
     if q == 0:  # linear: variables are the scaled coefficients of P, and t
+        # The sum of all columns has a smallest albedo between t and a small multiple of it: the unit of t.
+        level = top.sum(axis=1)
+        unit = level.min()
+        if unit == 0:  # a factor n/B at n = 0
+            return np.ones(top.shape[1]) / (top.shape[1] * column), np.ones(1)
+        rows = np.block([[-top / unit, np.ones((len(n), 1))], [roof, np.zeros((len(roof), 1))]])
+        rows[: len(n)] *= (unit / level)[:, None]
+        # Between the ends of the range a line is positive where its two coefficients are.
+        limits = (0, 1) if top.shape[1] <= 2 else (None, None)
+        apart = _apart(basis, column) if (lowest, p) == (0, 1) else np.zeros((0, rows.shape[1]))
         solution = _program(
             objective=np.r_[np.zeros(top.shape[1]), -1],
-            rows=np.block([[-top, np.ones((len(n), 1))], [roof, np.zeros((len(roof), 1))]]),
-            bounds=np.r_[np.zeros(len(n)), np.ones(len(roof))],
+            rows=np.concatenate([rows, apart]),
+            bounds=np.r_[np.zeros(len(n)), np.ones(len(roof)), np.zeros(len(apart))],
+            limits=[limits] * top.shape[1] + [(0, None)],
         )
-        return np.r_[np.zeros(lowest), solution[:-1] / column], np.ones(1)
-    # The best factor of lower degrees is where Dinkelbach's iteration starts; times (n + s) it has these degrees.
-    numerator, denominator = (
-        np.polymul(part[::-1], [1, scale])[::-1] for part in _solve(n, albedo, above, (lowest, p - 1, q - 1))
-    )
-    bottom, roof_bottom = basis(n, 0, q), basis(roof_n, 0, q)
+        if solution is None:
+            raise ValueError(
+                f"the linear program for the factor was not solved (raw albedo {albedo.min():g} to {albedo.max():g})"
+            )
+        return solution[:-1] / column, np.ones(1)
+    # The best factor of lower degrees is where Dinkelbach's iteration starts; times (u + v) it has these degrees.
+    lower = _solve(basis, n, albedo, above, p - 1, q - 1, lowest)
+    numerator, denominator = (np.convolve(part, [1, 1]) for part in lower)
+    if len(numerator) <= p - lowest or len(denominator) <= q:
+        return lower  # which was good enough for the degree below
+    bottom, roof_bottom = basis(n, q, q), basis(roof_n, q, q)
     weight = bottom @ denominator
-    t = np.min(basis(n, 0, p) @ numerator * albedo / weight)
+    reached = top @ (numerator * column) / weight
+    t = reached.min()
+    if t > 1 - _NOTHING:
+        return lower
+    scale = (t / reached / weight)[:, None]
     for _ in range(30):
         # With the denominators of the step before as weights it converges superlinearly.
         solution = _program(
             objective=np.r_[np.zeros(top.shape[1] + q + 1), -1],
             rows=np.block(
                 [
-                    [-top / weight[:, None], t * bottom / weight[:, None], np.ones((len(n), 1))],
+                    [-top / t * scale, bottom * scale, weight[:, None] * scale],
                     [roof, -roof_bottom, np.zeros((len(roof), 1))],
                 ]
             ),
             bounds=np.zeros(len(n) + len(roof)),
             limits=[(None, None)] * top.shape[1] + [(-1, 1)] * (q + 1) + [(None, None)],
         )
-        upper, lower = top @ solution[: top.shape[1]], bottom @ solution[top.shape[1] : -1]
-        if not np.all(lower > 1e-9 * lower.max()) or np.min(upper / lower) <= t + 1e-13:
+        if solution is None:
             break
-        t, weight = np.min(upper / lower), lower
-        numerator, denominator = np.r_[np.zeros(lowest), solution[: top.shape[1]] / column], solution[top.shape[1] : -1]
+        upper, lower = top @ solution[: top.shape[1]], bottom @ solution[top.shape[1] : -1]
+        if not np.all(lower > 1e-9 * lower.max()) or np.min(upper / lower) <= t * (1 + 1e-13):
+            break
+        reached, weight = upper / lower, lower
+        t = reached.min()
+        scale = (t / reached / weight)[:, None]
+        numerator, denominator = solution[: top.shape[1]] / column, solution[top.shape[1] : -1]
     return numerator, denominator
 
 
+def _apart(basis: _Basis, column: np.ndarray) -> np.ndarray:
+    """Rows that keep the zero of a line a little away from the range: |slope| end <= value / _NEAREST_ZERO at both ends."""
+    ends = np.array([basis.low, basis.high])
+    values = basis(ends, 1, 0) / column
+    slope = (values[1] - values[0]) / (basis.high - basis.low)
+    rows = np.array([slope, -slope]) * ends[:, None] * _NEAREST_ZERO - values
+    return np.pad(rows / np.abs(rows).max(axis=1, keepdims=True), ((0, 0), (0, 1)))
+
+
 def _program(
-    objective: np.ndarray, rows: np.ndarray, bounds: np.ndarray, limits: list[tuple[float | None, float | None]] | None = None
-) -> np.ndarray:
+    objective: np.ndarray, rows: np.ndarray, bounds: np.ndarray, limits: list[tuple[float | None, float | None]]
+) -> np.ndarray | None:
+    """The solution of a linear program, or None where the solver gives up."""
     result = linprog(
         objective,
         A_ub=rows,
         b_ub=bounds,
-        bounds=limits or (None, None),
+        bounds=limits,
         method="highs-ds",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
     )
-    if result.x is None:
-        raise ValueError(f"no factor of this form keeps the albedo at or below 1 ({result.message.strip()})")
     return result.x

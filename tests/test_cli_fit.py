@@ -80,6 +80,37 @@ def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
     assert report.albedo > 1 - 1e-4
 
 
+def test_a_falling_factor_to_copy_conserves(run: Run) -> None:
+    out = run("fit", "binomial-power-unclamped", "--n", "100:130")[1]
+    assert "factor (133.5" in out
+    assert re.search(r"smallest  albedo 6\.18\d+e-13 ", out)
+    found = re.search(r"A = (-[\d.]+), B = (-[\d.]+)", out)
+    assert found
+    factor = Factor(float(found[1]), float(found[2]))
+    report = check(lambda n: Normalized(catalog.entry("binomial-power-unclamped").family.build(n=n).lobe, factor), n=(100, 130))
+    assert report.verdict is Verdict.CONSERVES
+    assert 1 - 1e-3 < report.albedo <= 1
+
+
+def test_wide_and_narrow_ranges(run: Run) -> None:
+    code, out, _ = run("fit", "phong", "--n", "1:1e10", "--ladder")
+    assert code == ExitCode.PASSED
+    assert "factor (n + 2)/6.283185307  (minimax over n=1:1e10)" in out
+    assert re.search(r"^ +\(n\+A\)/B .* none  +-  CONSERVES", out, re.MULTILINE)
+    for n in ("100000:100000.000001", "1000:1000.0000001"):
+        code, out, err = run("fit", "phong", "--n", n)
+        assert (code, err) == (ExitCode.PASSED, "")
+        assert "smallest  albedo 1.0000000000" in out
+
+
+def test_a_factor_beyond_float_is_refused_by_glsl(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "factor.glsl"
+    code, _, err = run("fit", "binomial-power-unclamped", "--n", "1:100000", "--export", "glsl", str(path))
+    assert (code, err.count("\n")) == (ExitCode.USAGE_ERROR, 1)
+    assert "cannot be held by a float" in err
+    assert not path.exists()
+
+
 def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "fit.json"
     code, _, _ = run("fit", "blinn-phong", "--n", "1:100", "--objective", "reciprocal", "--ladder", "--json", str(path))

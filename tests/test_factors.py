@@ -53,6 +53,8 @@ def test_exact_factors_reflect_one_at_normal_incidence(n):
         (np.inf, 1.0, "A must be finite; got inf"),
         (1.0, 0.0, "B must be finite and > 0; got 0"),
         (1.0, -2.5, r"B must be finite and > 0; got -2\.5"),
+        (0.0, -2.5, r"B must be finite and > 0; got -2\.5"),
+        (-1.0, 0.0, "B must be finite and not 0; got 0"),
         (1.0, np.inf, "B must be finite and > 0; got inf"),
         (1.0, np.nan, "B must be finite and > 0; got nan"),
     ],
@@ -60,6 +62,11 @@ def test_exact_factors_reflect_one_at_normal_incidence(n):
 def test_bad_constants_are_refused(a, b, message):
     with pytest.raises(ValueError, match=message):
         Factor(a, b)
+
+
+def test_a_factor_may_fall_with_the_exponent():
+    assert Factor(-30.0, -5.0)(jnp.asarray(20.0)) == 2
+    assert Factor(-30.0, -5.0)(jnp.asarray(25.0)) == 1
 
 
 def test_constants_may_be_traced():

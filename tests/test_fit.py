@@ -169,6 +169,70 @@ def test_a_lobe_that_explodes_still_gets_a_conserving_factor():
     assert "90 degrees" in fit.remark
 
 
+@pytest.mark.parametrize("high", [1e10, 1e12])
+@pytest.mark.parametrize("name", ["phong", "blinn-phong", "lyon-1-mirror", "binomial-power-half"])
+def test_ranges_of_many_decades(name, high):
+    """A line is level where n times the raw albedo is, however many decades the raw albedo spans."""
+    _, _, smallest = optimum(name, 1.0, 1e5)
+    fit = fit_factor(name, (1, high))
+    assert fit.smallest == pytest.approx(smallest, abs=2e-4)  # what is left to lose beyond 1e5 is about 1/n
+    assert float(fit.factor.A) < 10
+    assert fit.verdict is Verdict.CONSERVES
+    assert not fit.remark
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-3])
+@pytest.mark.parametrize("name", ["phong", "blinn-phong", "schlick-half", "binomial-power-half"])
+def test_narrow_ranges(name, width):
+    for low in (10.0, 1000.0, 1e5):
+        fit = fit_factor(name, (low, low * (1 + width)))
+        assert isinstance(fit.factor, Factor)
+        assert fit.smallest == pytest.approx(1, abs=1e-8 + width**2)
+        assert fit.peak - fit.peak_error <= 1
+        assert fit.verdict is Verdict.CONSERVES
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_a_narrow_range_of_any_objective(objective):
+    fit = fit_factor("phong", (1e5, 1e5 + 1e-6), objective)
+    assert fit.smallest == pytest.approx(1, abs=1e-8)
+    assert fit.verdict is Verdict.CONSERVES
+
+
+def test_narrow_ranges_of_other_forms():
+    raw = RawAlbedo("blinn-phong", (1000.0, 1000.0 * (1 + 1e-7)))
+    for degrees in ((0, 0), (1, 0, 1), (1, 0), (2, 1), (3, 2)):
+        fit = fit_form(raw, degrees)
+        assert fit.smallest == pytest.approx(1, abs=1e-6)
+        assert fit.peak - fit.peak_error <= 1
+
+
+def test_the_best_line_falls_where_the_raw_albedo_rises():
+    """Independent of the program: A is tried on a fine grid, B follows from the largest albedo over all angles."""
+    fit = fit_factor("binomial-power-unclamped", (100, 130))
+    raw = RawAlbedo("binomial-power-unclamped", (100, 130))
+    n = spread(100, 130, 1201)
+    normal = raw(n)
+    cosines = np.concatenate([np.zeros(1), np.linspace(1e-3, 1, 13) ** 2])
+    ceiling = raw.at(np.repeat(n, cosines.size), np.tile(cosines, n.size)).reshape(n.size, -1).max(axis=1)
+    zeros = 130 + np.geomspace(0.1, 100, 2001)
+    lines = (zeros[:, None] - n) / np.max((zeros[:, None] - n) * ceiling, axis=1, keepdims=True)
+    best = np.max(np.min(lines * normal, axis=1))
+    assert float(fit.factor.B) < 0
+    assert fit.smallest == pytest.approx(best, rel=2e-3)
+    assert -float(fit.factor.A) == pytest.approx(zeros[np.argmax(np.min(lines * normal, axis=1))], abs=0.1)
+    assert fit.report.passed
+    assert describe(fit.factor, 6) == "(133.51 - n)/5.81463e+12"
+
+
+def test_the_largest_albedo_is_at_most_1_within_its_own_error():
+    """Also where the tolerance of a linear program is more than that."""
+    for name, limits in (("blinn-phong", (10, 10.001)), ("lyon-2-half", (7, 9)), ("schlick-half", (1, 1000))):
+        fit = fit_factor(name, limits)
+        assert fit.peak - fit.peak_error <= 1
+        assert fit.peak >= 1 - 1e-9
+
+
 def test_one_exponent_and_zero():
     for low, high in ((10.0, 10.0), (0.0, 0.0), (0.0, 20.0)):
         fit = fit_factor(BlinnPhong, (low, high))
@@ -265,6 +329,7 @@ def test_formulas_and_json():
 
     assert describe(Factor(6.0, 24.55)) == "(n + 6)/24.55"
     assert describe(Factor(-6.0, 24.55)) == "(n - 6)/24.55"
+    assert describe(Factor(-6.0, -24.55)) == "(6 - n)/24.55"
     assert describe(RationalFactor([1.0, -2.0, 3.0], [1.0, 0.5])) == "(3 n^2 - 2 n + 1)/(0.5 n + 1)"
     fit = fit_factor("phong", (1, 10), "reciprocal")
     record = json.loads(json.dumps(to_json_object(fit)))

@@ -71,6 +71,35 @@ def test_two_constants_against_a_dense_linear_program(limits, exponent):
     assert best.largest <= 1 + 1e-11
 
 
+@pytest.mark.parametrize("width", [1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e4, 1e8, 1e12])
+@pytest.mark.parametrize("low", [0.0, 1.0, 1000.0])
+def test_ranges_of_any_width(low, width):
+    """A lobe whose exact factor is a line: found however narrow or wide the range."""
+    high = low + width * max(low, 1)
+    for degrees in ((1, 0), (2, 1), (3, 2)):
+        best, _ = best_rational(lambda n: 2 * np.pi / (n + 2), spread(low, high, 129), degrees)
+        assert best.smallest == pytest.approx(1, abs=1e-8)
+        assert best.largest <= 1 + 1e-9
+
+
+def test_a_raw_albedo_that_rises_steeply_takes_the_best_falling_line():
+    """The tangent of exp(-n): the line below it whose smallest product with exp(n) is largest, in closed form.
+
+    Below exp(-n) on [30, 32] the best line is its tangent at some n = c, and the smallest product is at one of the ends,
+    (1 + c - n) exp(n - c): equal at both where (1 + x) exp(-x) = (x - 1) exp(2 - x), x = c - 30.
+    """
+    best, _ = best_rational(lambda n: np.exp(n), spread(30, 32, 257), (1, 0))
+    x = (np.e**2 + 1) / (np.e**2 - 1)
+    assert best.numerator[1] < 0
+    assert best.smallest == pytest.approx((1 + x) * np.exp(-x), abs=1e-9)
+    assert -best.numerator[0] / best.numerator[1] == pytest.approx(31 + x, abs=1e-4)
+    # The same over 60 decades, where no smallest albedo is worth having, is at least positive and below the line at 1.
+    for high in (60.0, 140.0):
+        best, _ = best_rational(lambda n: np.exp(n), spread(1, high, 257), (1, 0))
+        assert 0 < best.smallest <= best.largest <= 1 + 1e-9
+        assert best.smallest > np.exp(1 - high) * 1.01  # a constant gives exp(1 - high)
+
+
 def test_the_optimum_alternates():
     """Chebyshev's mark: 1 and the smallest albedo in turn, at one place more than there are constants."""
     best, _ = best_rational(blinn, spread(1, 1000, 257), (2, 1))

@@ -151,7 +151,7 @@ def _run_fit(
     for line in _ladder_lines(rungs):
         output.line(line)
     if export is not None and content is not None:
-        output.line(_write(export, content, fit, words, output))
+        output.line(_asked(lambda: _write(export, content, fit, words, output)))
     code = ExitCode.PASSED if fit.report.passed else ExitCode.FAILED
     if json:
         result = {**to_json_object(fit), "report": records.to_json_object(fit.report)}
@@ -212,13 +212,14 @@ def _lines(fit: FactorFit) -> list[str]:
     from brdfcheck.fit import describe
 
     report = fit.report
-    swept = f"n={fit.n[0]:g}:{fit.n[1]:g}"
+    swept = f"n={console.exact(fit.n[0])}:{console.exact(fit.n[1])}"
     sampled = "" if fit.objective == "minimax" else f", {fit.sampling} sampling"
+    smallest = f"{fit.smallest:.10f}" if fit.smallest >= 1e-4 else f"{fit.smallest:.5g}"
     lines = [
         f"{fit.name}  factor {describe(fit.factor, 10)}  ({fit.objective}{sampled} over {swept})",
         f"  to copy   {_copied(fit)}",
         f"  largest   albedo {console.albedo_text(report)}  at {console.place_text(report)}",
-        f"  smallest  albedo {fit.smallest:.10f}  at n={fit.smallest_n:.6g}, normal incidence",
+        f"  smallest  albedo {smallest}  at n={fit.smallest_n:.6g}, normal incidence",
         f"  verdict   {report.verdict.name} over all angles (tolerance {console.exact(report.tolerance)})",
     ]
     if fit.objective != "minimax":
@@ -232,17 +233,30 @@ def _lines(fit: FactorFit) -> list[str]:
 
 
 def _copied(fit: FactorFit) -> str:
-    """Constants with few digits that still conserve: the factor falls with B and rises with A."""
+    """Constants with few digits that still conserve: the factor falls with B and rises with A; where B < 0, the reverse."""
     a, b = float(fit.factor.A), float(fit.factor.B)  # pyright: ignore[reportAttributeAccessIssue]
     if a > 1e5 * max(fit.n[1], 1):
         value = (fit.n[0] + a) / b
         step = 10.0 ** (math.floor(math.log10(value)) - 4)
         return f"the constant {math.floor(value / step + 1e-9) * step:.5g}  (rounded to the safe side; n makes no difference)"
-    step = 10.0 ** (math.floor(math.log10(b)) - 5)
+    # Of n + A so many digits are kept at the end of the range where it is smallest.
+    least = -a - fit.n[1] if b < 0 else a + fit.n[0]
+    large = _rounded(abs(b), 5, up=True)
+    digits = math.floor(math.log10(abs(a))) - math.floor(math.log10(least)) + 4 if a and least > 0 else 5
+    offset = _rounded(abs(a), digits, up=b > 0 > a)
+    return f"A = {'-' if a < 0 else ''}{offset}, B = {'-' if b < 0 else ''}{large}  (rounded to the safe side)"
+
+
+def _rounded(value: float, digits: int, *, up: bool) -> str:
+    """`value` >= 0 with so many digits after its first, rounded up or down."""
+    if value == 0:
+        return "0"
+    places = digits - math.floor(math.log10(value))
     # What a constant lies off a round number by rounding must not cost a digit.
-    a, b = math.floor(a / step + 1e-6) * step, math.ceil(b / step - 1e-6) * step
-    places = max(0, -round(math.log10(step)))
-    return f"A = {a:.{places}f}, B = {b:.{places}f}  (rounded to the safe side)"
+    scaled = value * 10.0**places
+    whole = math.ceil(scaled - 1e-6) if up else math.floor(scaled + 1e-6)
+    text = f"{whole / 10.0**places:.{max(places, 0)}f}"
+    return text if len(text) < 20 else f"{whole / 10.0**places:.{max(digits, 1)}e}"
 
 
 def _ladder_lines(rungs: Sequence[Rung]) -> list[str]:
