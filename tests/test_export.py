@@ -110,6 +110,25 @@ def test_the_c_is_also_c_plus_plus(exported, tmp_path):
         assert built.returncode == 0, built.stderr
 
 
+@pytest.mark.skipif(C_COMPILER is None, reason="no C compiler")
+def test_a_range_of_one_exponent_leaves_no_unused_variable(tmp_path):
+    """Nothing depends on the exponent then; with a layer, the cosine's variable still does."""
+    for name, degree in (("phong", (3, 2)), ("blinn-phong", (2, 0)), ("lyon-1-mirror", (0, 0))):
+        fit = fit_albedo(name, n=(5, 5), degree=degree)
+        points = np.array([[5.0, mu] for mu in np.linspace(0, 1, 9)])
+        found = evaluated([str(C_COMPILER), "-std=c99"], main_program(c_snippet(fit, name="brdf"), "brdf"), tmp_path, points)
+        assert np.max(np.abs(found[:, 1] - fit(*points.T))) <= 1e-12
+
+
+def test_a_constant_that_a_float_cannot_hold_is_refused(exported):
+    fit, _ = exported["phong"]
+    for factor in (Factor(2.0, 2e70), Factor(-2e40, -3.0), Constant(1e-50), RationalFactor([1.0, 1e60], [1.0])):
+        with pytest.raises(ValueError, match="cannot be held by a float"):
+            glsl_snippet(fit, factor)
+        assert "_factor(double n)" in c_snippet(fit, factor)
+    assert "/ 2e+30" in glsl_snippet(fit, Factor(0.0, 2e30))
+
+
 # What C lacks of GLSL; with -fsingle-precision-constant its literals are float, as they are there.
 GLSL_IN_C = """#include <math.h>
 static inline float clamp(float x, float low, float high) { return fminf(fmaxf(x, low), high); }

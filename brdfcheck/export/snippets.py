@@ -33,15 +33,24 @@ class _Language:
     exp2: str
     logarithm: str
     preamble: str
-    precision: str
+    limits: tuple[float, float]
+
+    def number(self, value: float) -> str:
+        """A literal of the language. ValueError where its type cannot hold the value: infinite there, or 0."""
+        smallest, largest = self.limits
+        if value and not smallest <= abs(value) <= largest:
+            raise ValueError(f"the constant {value:.3g} cannot be held by a {self.real}")
+        return number(value)
 
 
 def _c_clamp(value: str, low: str, high: str) -> str:
     return f"{value} < {low} ? {low} : {value} > {high} ? {high} : {value}"
 
 
-_C = _Language("double", "static inline double", _c_clamp, "exp2", "log", "#include <math.h>\n\n", "double")
-_GLSL = _Language("float", "float", lambda value, low, high: f"clamp({value}, {low}, {high})", "exp2", "log", "", "float")
+# Smallest normal and largest number of single precision.
+_FLOAT = (2.0**-126, (2 - 2.0**-23) * 2.0**127)
+_C = _Language("double", "static inline double", _c_clamp, "exp2", "log", "#include <math.h>\n\n", (0.0, math.inf))
+_GLSL = _Language("float", "float", lambda value, low, high: f"clamp({value}, {low}, {high})", "exp2", "log", "", _FLOAT)
 
 
 def c_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, command: str | None = None) -> str:
@@ -49,7 +58,8 @@ def c_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, co
 
     `factor`: what NAME_factor is, by default the fit's own; without any there is no such function. `name`: the first part of
     the names, by default the family's, made an identifier. `command`: the command line that made it, for the header. The
-    functions are ``static inline``; NaN stays NaN. Raises ValueError for a factor that has no formula here.
+    functions are ``static inline``; NaN stays NaN. Raises ValueError for a factor that has no formula here, or a number that
+    the language's type cannot hold.
     """
     return _snippet(_C, fit, factor, name, command)
 
@@ -79,15 +89,16 @@ def _snippet(language: _Language, fit: AlbedoFit, factor: Any, name: str | None,
     low, high = (number(bound) for bound in fit.parameter_range)
     clamped = f"    {parameter} = {language.clamp(parameter, low, high)};\n"
     if factor is not None:
-        formula = _factor_formula(factor, parameter, language.exp2, number)
+        formula = _factor_formula(factor, parameter, language.exp2, language.number)
         signature = f"{language.function} {prefix}_factor({language.real} {parameter})"
         parts.append(f"{signature} {{\n{clamped}    return {formula};\n}}\n\n")
     parts.append(f"{language.function} {prefix}_albedo({language.real} {parameter}, {language.real} cos_theta) {{\n")
     parts.append(clamped)
     cosines = (number(bound) for bound in fit.cos_range)
     parts.append(f"    cos_theta = {language.clamp('cos_theta', *cosines)};\n")
-    parts += [f"    {language.real} {line};\n" for line in _variables(language, fit, parameter)]
     numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
+    used = set(re.findall(r"\b[uv]\b", numerator + denominator))
+    parts += [f"    {language.real} {line};\n" for line in _variables(language, fit, parameter, used)]
     parts.append(f"    {language.real} p = {numerator};\n")
     if fit.surface.denominator.size > 1:
         parts.append(f"    {language.real} q = {denominator};\n    return p / q;\n}}\n")
@@ -96,7 +107,8 @@ def _snippet(language: _Language, fit: AlbedoFit, factor: Any, name: str | None,
     return "".join(parts)
 
 
-def _variables(language: _Language, fit: AlbedoFit, parameter: str) -> list[str]:
+def _variables(language: _Language, fit: AlbedoFit, parameter: str, used: set[str]) -> list[str]:
+    """The lines that make u and v, as far as the polynomials use them: a compiler may refuse what is never used."""
     v = fit.variables
     x = {
         "reciprocal-root": f"1.0 / sqrt({parameter} + {number(v.shift)})",
@@ -108,11 +120,14 @@ def _variables(language: _Language, fit: AlbedoFit, parameter: str) -> list[str]
         "quotient": f"cos_theta / (cos_theta + 2.0 * {s})",
         "root": f"cos_theta * sqrt((1.0 + {s} * {s}) / (cos_theta * cos_theta + {s} * {s}))",
     }.get(v.layer, "cos_theta")
-    return [
-        f"x = {x}",
-        f"u = ({_minus('x', v.u_centre)}) * {number(v.u_scale)}",
-        f"v = ({_minus(y, v.v_centre)}) * {number(v.v_scale)}",
-    ]
+    lines = []
+    if "u" in used or ("v" in used and re.search(r"\bx\b", y)):
+        lines.append(f"x = {x}")
+    if "u" in used:
+        lines.append(f"u = ({_minus('x', v.u_centre)}) * {number(v.u_scale)}")
+    if "v" in used:
+        lines.append(f"v = ({_minus(y, v.v_centre)}) * {number(v.v_scale)}")
+    return lines
 
 
 def _minus(term: str, value: float) -> str:
