@@ -11,7 +11,7 @@ import pytest
 
 import brdfcheck
 from brdfcheck import BlinnPhong, CookTorrance, Factor, Lambert, Normalized, Phong, PhongExact, catalog, transport
-from brdfcheck.transport import Status
+from brdfcheck.transport import Status, angular
 
 KEY = jax.random.key(7)
 PUBLISHED = Normalized(BlinnPhong(8.76), Factor(8, 8 * np.pi))
@@ -190,6 +190,80 @@ def test_a_box_keeps_less_than_the_sphere():
     radius = transport.angular_operator(PUBLISHED).spectral_radius().value
     assert rate < radius + 0.005
     assert rate > 0.5
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_the_energy_between_diffuse_walls_is_left_to_rounding_only(dtype):
+    """Lambert's lobe is the cosine: nothing scatters, whatever the sampling, and the error is that of the sums."""
+    room, exact = transport.sphere(2, dtype=dtype), float(jnp.asarray(0.8, dtype)) ** np.arange(101)
+    for sampling in ("lobe", "cosine"):
+        found = transport.energy_after_bounces(room, Lambert(0.8), 100, key=KEY, paths=2**14, sampling=sampling)
+        off = np.abs(np.asarray(found.mean, float) - exact)
+        assert np.all(off <= 3 * np.asarray(found.error))
+        assert np.all(np.asarray(found.error)[1:] <= 1e3 * np.finfo(dtype).eps * exact[1:])
+        assert np.all(np.asarray(found.error)[1:] > np.finfo(dtype).eps * exact[1:])
+
+
+# --- the ends of the catalogue ---
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("phong", 0.01), ("phong", 2e4), ("phong", 1e5), ("blinn-phong", 0.01), ("blinn-phong", 1e5),
+        ("schlick-mirror", 1000.0), ("ggx", 0.05),
+    ],
+)  # fmt: skip
+def test_what_conserves_is_never_said_to_diverge(name, value):
+    brdf = entry(name, value)
+    light = np.array([6.0, 0, 0, 0, 0, 0])
+    found = transport.trace(transport.sphere(6), light, 0.9, brdf=brdf, key=KEY, paths=4096)
+    assert found.ok, found.message
+    # Schur's bound: the largest albedo. Rows of a lobe too narrow for the nodes add up to it all the same.
+    assert found.radius.lower <= found.radius.upper <= 0.9 * (1 + 1e-12)
+    for nodes in ({}, {"nodes": 96, "azimuths": 192}):
+        operator = transport.angular_operator(brdf, **nodes)
+        exact = brdfcheck.albedo(brdf, operator.cos_theta)
+        assert np.asarray(operator.albedo()) == pytest.approx(np.asarray(exact.value), abs=1e-12)
+        radius = operator.spectral_radius()
+        mean_square = float(jnp.sum(2 * operator.weight * operator.cos_theta * exact.value**2))
+        assert np.sqrt(mean_square) - 1e-7 <= radius.lower <= radius.upper <= float(jnp.max(exact.value + exact.error)) + 1e-12
+        assert operator.energy([1000])[0, -1] <= 1 + 1e-9
+
+
+@pytest.mark.parametrize(("name", "value"), [("phong", 3000.0), ("ggx", 0.05)])
+def test_bounds_from_few_nodes_contain_the_radius_from_many(name, value):
+    exact = transport.angular_operator(entry(name, value)).spectral_radius()
+    for nodes in (24, 96):
+        few = transport.angular_operator(entry(name, value), nodes=nodes, azimuths=2 * nodes).spectral_radius()
+        assert few.lower <= exact.upper
+        assert exact.lower <= few.upper
+    assert exact.upper - exact.lower < 1e-6
+
+
+def test_azimuths_of_needles():
+    """A needle at either end of the half turn, of any width, and what is smooth: all by one rule."""
+    phi, weight = angular._azimuths(512)
+    assert np.sum(weight) == pytest.approx(np.pi, rel=1e-15)
+    assert np.sum(weight * np.cos(3 * phi) ** 2) == pytest.approx(np.pi / 2, rel=1e-11)
+    for width in (0.3, 1e-2, 1e-4, 1e-6):
+        exact = np.sqrt(np.pi) / 2 * width
+        assert np.sum(weight * np.exp(-((phi / width) ** 2))) == pytest.approx(exact, rel=1e-6)
+        # Evenly spaced azimuths miss the narrow ones.
+    even = (np.arange(512) + 0.5) * np.pi / 512
+    assert np.sum(np.exp(-((even / 1e-4) ** 2))) * np.pi / 512 < 1e-10
+
+
+def test_a_function_of_your_own_and_one_that_is_not_reciprocal():
+    brdf = Normalized(Phong(2e4), PhongExact())
+    own = transport.angular_operator(lambda wi, wo: brdf(wi, wo), nodes=16, azimuths=64)
+    assert np.asarray(own.albedo()) == pytest.approx(np.asarray(brdfcheck.albedo(brdf, own.cos_theta).value), abs=1e-6)
+    assert own.reciprocal()
+    one_way = transport.angular_operator(lambda wi, wo: (0.5 + wi[..., 2]) / np.pi, nodes=16, azimuths=64)
+    assert not one_way.reciprocal()
+    radius = one_way.spectral_radius()
+    # (T h)(mu) = (0.5 + mu) 2 int h mu dmu: of rank one.
+    assert radius.lower - 1e-9 <= 0.5 + 2 / 3 <= radius.upper + 1e-9
 
 
 # --- the angular operator ---

@@ -111,6 +111,18 @@ def test_no_sum_at_one_and_above(rho):
         assert solution.residual < 1e-13
 
 
+@pytest.mark.parametrize("rho", [1.0, 1.01, 1.3])
+def test_no_finite_answer_at_one_is_explained_by_the_radius(rho):
+    cube = transport.box()
+    # In the furnace conjugate gradients find nothing to reduce at 1: the answer is not even finite.
+    for light in (1.0, cube.on_wall(4, 1.0)):
+        for solver in (transport.krylov, transport.direct):
+            solution = solver(cube, light, rho)
+            assert solution.status is Status.MEANINGLESS
+            assert solution.message.startswith(f"spectral radius {rho:g} to {rho:g}: ")
+            assert np.all(np.isinf(solution.error))
+
+
 def test_bounce_by_bounce_the_energy_grows_without_end_at_1_01():
     cube = transport.box()
     term, sums = np.asarray(cube.on_wall(4, 1.0)), []
@@ -266,3 +278,11 @@ def test_wrong_arguments(call, says):
     with pytest.raises(ValueError, match=says) as caught:
         call(transport.box())
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS.values(), transport.spectral_radius])
+def test_something_that_is_no_enclosure(solver):
+    arguments = (0.5,) if solver is transport.spectral_radius else (1.0, 0.5)
+    for wrong in ("x", None, np.eye(3)):
+        with pytest.raises(TypeError, match=r"an enclosure is made by transport\.sphere, .*; got (str|NoneType|ndarray)"):
+            solver(wrong, *arguments)

@@ -231,10 +231,10 @@ def radii(family: Callable[[float], Any], parameters: Sequence[float], **nodes: 
         return angular_operator(family(float(parameter)), **nodes)
 
     def excess(parameter: float) -> float:
-        return float(operator(parameter).spectral_radius().upper) - 1
+        return float(operator(parameter).spectral_radius().value) - 1
 
     operators = [operator(parameter) for parameter in parameters]
-    found = [float(part.spectral_radius().upper) - 1 for part in operators]
+    found = [float(part.spectral_radius().value) - 1 for part in operators]
     largest = tuple(float(jnp.max(part.albedo())) for part in operators)
     pairs = zip(itertools.pairwise(parameters), itertools.pairwise(found), strict=True)
     between = [ends for ends, (low, high) in pairs if low * high < 0]

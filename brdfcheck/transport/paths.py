@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.factors import peel
-from brdfcheck.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.transport.angular import angular_operator
 from brdfcheck.transport.completion import Completed
@@ -31,8 +31,10 @@ Equation = Literal["continuous", "patches"]
 # Groups of paths whose scatter gives the standard error, and rays that travel together in a group.
 _GROUPS, _LANES = 32, 128
 # How directions are shared out between the lobe's main proposal, its tail and the cosine. Each share that is not where the
-# lobe is multiplies the variance with every bounce; a power of the cosine is its main proposal and needs no other.
-_SHARES = {"power": (1.0, 0.0, 0.0), "zonal": (0.8, 0.1, 0.1), "facets": (0.9, 0.0, 0.1)}
+# lobe is multiplies the variance with every bounce.
+_SHARES = {"tail": (0.1, 0.8, 0.1), "zonal": (0.8, 0.1, 0.1), "facets": (0.9, 0.0, 0.1)}
+# Rounding of a sum over rays, in units of the machine epsilon; and of the few dozen that make a radiosity.
+_ROUNDING, _SUMS = 8, 8
 # What the angular operator is made of where only a bound is wanted.
 _NODES, _AZIMUTHS = 96, 192
 # A path that weighs more than so many others.
@@ -66,8 +68,8 @@ def trace(
     never, which for a sharp lobe ends in the status HEAVY. `equation`: "continuous" is the light itself; "patches" draws the
     place on a patch anew at each bounce, which makes it the discrete equation that the other solvers solve (diffuse walls
     only). The spectral radius is that of the form factors for diffuse walls; else it lies below that of the angular operator
-    times the largest reflectance. Refuses where it is 1 or more, and where paths are under way after `max_bounces` reflections
-    each: value NaN, error inf.
+    (the largest albedo, if the BRDF is not reciprocal and the enclosure no sphere) times the largest reflectance. Refuses
+    where it is 1 or more, and where paths are under way after `max_bounces` reflections each: value NaN, error inf.
     Raises ValueError for bad values, counts and words, no light or no key, TypeError for an enclosure without geometry or a
     BRDF that is neither about an axis nor made of facets.
     """
@@ -163,15 +165,22 @@ def _told(posed: Problem, radius: Radius, code: Any, begins: Any, each: Array, w
     return Solution(value, error, residual, walked.steps.astype(dtype) * lanes, each * lanes, radius, code, "paths")
 
 
-def _standard_error(groups: Float[Array, "groups ..."]) -> Float[Array, "..."]:
-    return jnp.std(groups, axis=0, ddof=1) / _GROUPS**0.5
+def _standard_error(groups: Float[Array, "groups ..."], sums: Any = _SUMS) -> Float[Array, "..."]:
+    """By the scatter of the groups, and at least the rounding of so many sums: where nothing is left to chance it is all."""
+    rounding = _ROUNDING * sums * float(jnp.finfo(groups.dtype).eps) * jnp.abs(jnp.mean(groups, axis=0))
+    return jnp.maximum(jnp.std(groups, axis=0, ddof=1) / _GROUPS**0.5, rounding)
 
 
 def _bounds(enclosure: Sphere | Box, posed: Problem, brdf: Any) -> Radius:
-    """Of the spectral radius with walls that are not diffuse: that of the sphere is the largest."""
-    found = angular_operator(brdf, nodes=_NODES, azimuths=_AZIMUTHS).spectral_radius()
-    lower = found.lower * jnp.min(posed.reflectance) if isinstance(enclosure, Sphere) else 0 * found.lower
-    return Radius(lower, found.upper * jnp.max(posed.reflectance), jnp.ones_like(posed.areas), found.iterations)
+    """Of the spectral radius with walls that are not diffuse: that of the sphere is the largest for reciprocal BRDFs.
+
+    For others the largest albedo bounds it: no bounce can raise the largest radiance by more.
+    """
+    operator = angular_operator(brdf, nodes=_NODES, azimuths=_AZIMUTHS)
+    found, sphere = operator.spectral_radius(), isinstance(enclosure, Sphere)
+    lower = found.lower * jnp.min(posed.reflectance) if sphere else 0 * found.lower
+    upper = found.upper if sphere or operator.reciprocal() else jnp.max(operator.albedo() + operator.error)
+    return Radius(lower, upper * jnp.max(posed.reflectance), jnp.ones_like(posed.areas), found.iterations)
 
 
 def energy_after_bounces(
@@ -224,7 +233,7 @@ def _energy(enclosure: Any, brdf: Any, key: Any, bounces: int, each: int, sampli
 
     groups = jax.lax.map(group, jax.random.split(key, _GROUPS))
     one = jnp.ones(1, dtype)
-    mean, error = jnp.mean(groups, axis=0), _standard_error(groups)
+    mean, error = jnp.mean(groups, axis=0), _standard_error(groups, 1 + jnp.arange(1, bounces + 1).astype(dtype))
     return Energy(jnp.concatenate([one, mean]), jnp.concatenate([0 * one, error]))
 
 
@@ -267,11 +276,15 @@ def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]
     core, _ = peel(brdf.brdf if isinstance(brdf, Completed) else brdf)
     about_normal = _cosine(u[None, 1:3])[0]
     wi = jnp.stack([jnp.sqrt((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
-    if sampling == "cosine":
+    if sampling == "cosine" or isinstance(core, Lambert):  # a diffuse wall's lobe is the cosine itself
         return about_normal, np.pi * brdf(wi, about_normal)
     lobe = LobeGeometry(core, mu)
-    kind = "facets" if lobe.facets else "power" if isinstance(core, (Phong, BlinnPhong)) else "zonal"
-    main, tail, cosine = _SHARES[kind]
+    if isinstance(core, (Phong, BlinnPhong)):
+        # A power of the cosine is its main proposal, and about the normal where the exponent is so small that it has no lobe.
+        cosine = 1 / (1 + lobe.exponent)
+        main, tail = 1 - cosine, 0.0
+    else:
+        main, tail, cosine = _SHARES["facets" if lobe.facets else "tail" if isinstance(core, Schlick) else "zonal"]
     if isinstance(brdf, Completed):  # what is given back leaves diffusely
         given = 0.9 * brdf.share(mu) + 0.05
         main, tail, cosine = main * (1 - given), tail * (1 - given), cosine * (1 - given) + given

@@ -94,10 +94,9 @@ def progressive(
     default) (Cohen, Chen, Wallace & Greenberg 1988). Refuses at a spectral radius of 1 or more: value NaN, status DIVERGES.
     ValueError as for `krylov`.
     """
-    steps = _MOST_SHOTS * enclosure.patches if max_steps is None else checked_steps(max_steps)
-    return _progressive(
-        problem(enclosure, emission, reflectance), jnp.asarray(checked_tolerance(tolerance)), jnp.asarray(steps)
-    )
+    posed = problem(enclosure, emission, reflectance)
+    steps = _MOST_SHOTS * posed.areas.size if max_steps is None else checked_steps(max_steps)
+    return _progressive(posed, jnp.asarray(checked_tolerance(tolerance)), jnp.asarray(steps))
 
 
 @jax.jit

@@ -8,7 +8,7 @@ spectral radius of K is below 1; $(1 - K)^{-1} E$ is a number also when it is no
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-if TYPE_CHECKING:
-    from brdfcheck.transport.enclosures import AbstractEnclosure
+from brdfcheck.transport.enclosures import AbstractEnclosure
 
 _ITERATIONS = 1000
 # Relative distance of the bounds of a spectral radius at which the iteration stops.
@@ -62,9 +61,10 @@ _TEXTS = {
 class Radius(eqx.Module):
     """The spectral radius of a transport operator, measured by power iteration.
 
-    `lower` (a Rayleigh quotient) and `upper` (Collatz & Wielandt: the largest ratio (K w)/w over all patches) enclose it up
-    to rounding, however far the iteration came. `vector` is the positive w, (patches,), and bounds errors; `iterations` the
-    number of products.
+    `lower` (a Rayleigh quotient) and `upper` (Collatz & Wielandt: the largest ratio (K w)/w over all patches) enclose that of
+    the discrete operator up to rounding, however far the iteration came; that of a BRDF's angular operator is enclosed with
+    what its nodes may have missed (see `AngularOperator.spectral_radius`). `vector` is the positive w, (patches,), and bounds
+    errors; `iterations` the number of products.
     """
 
     lower: Float[Array, ""]
@@ -147,7 +147,14 @@ class Problem(eqx.Module):
 
 
 def problem(enclosure: AbstractEnclosure, emission: Any, reflectance: Any) -> Problem:
-    """The checked problem in the precision of the enclosure; ValueError for values that are negative or not finite."""
+    """The checked problem in the precision of the enclosure.
+
+    ValueError for values that are negative or not finite, TypeError for something that is no enclosure.
+    """
+    if not isinstance(enclosure, AbstractEnclosure):
+        raise TypeError(
+            f"an enclosure is made by transport.sphere, box, cylinder, polyhedron or enclosure; got {type(enclosure).__name__}"
+        )
     return Problem(
         enclosure.form_factors,
         enclosure.areas,
@@ -267,5 +274,5 @@ def judged(code: Array, value: Array, reached: Bool[Array, ""] | bool = True) ->
     solved = code == Status.SOLVED
     code = jnp.where(solved & ~jnp.asarray(reached), int(Status.NOT_REACHED), code)
     finite = jnp.all(jnp.isfinite(value))
-    # A method that refuses has said why there is no number.
-    return jnp.where((code != Status.DIVERGES) & ~finite, int(Status.NOT_FINITE), code)
+    # Where the radius is 1 or more the reason is known already, with its bounds.
+    return jnp.where((code != Status.DIVERGES) & (code != Status.MEANINGLESS) & ~finite, int(Status.NOT_FINITE), code)
