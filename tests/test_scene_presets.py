@@ -178,7 +178,7 @@ def test_the_number_beside_a_furnace_is_the_albedo_at_stated_angles(name, parame
 def test_lobes_of_one_kind_are_one_program_of_the_furnace(monkeypatch):
     traces = []
     real = presets.directional_albedo
-    monkeypatch.setattr(presets, "_integrated", eqx.filter_jit(lambda *a: traces.append(1) or real(*a)))
+    monkeypatch.setattr(presets, "_integrated", eqx.filter_jit(lambda brdf, mu: traces.append(1) or real(brdf, mu)))
     presets._ratios.cache_clear()
     for name in ("blinn-phong", "blinn-phong-6", "blinn-phong-fitted"):
         for side, n in ((5, 20), (7, 2.5)):

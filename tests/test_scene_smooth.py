@@ -16,6 +16,7 @@ from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Distant, Point
 from brdfcheck.scene.materials import Highlight, Surface, Term
 from brdfcheck.scene.meshes import Mesh, corrugated, deformed, face_normals, icosphere, vertex_normals, zigzag
+from brdfcheck.scene.raster import rasterise
 from brdfcheck.scene.smooth import SHADINGS, render_mesh, shade_mesh
 
 LIGHT, COLOR, GLOSS, N = np.array([0.3, 0.5, 0.8]), np.array([0.6, 0.3, 0.1]), 0.4, 20.0
@@ -205,6 +206,18 @@ def test_one_program_for_all_numbers(monkeypatch):
         image = smooth.render_mesh(mesh, camera, material, lights, size=(23, 29), background=value)
         assert float(image.min()) == pytest.approx(value)
     assert len(traces) == 1
+
+
+def test_several_shadings_are_one_program_with_one_rasteriser(monkeypatch):
+    from brdfcheck.scene import smooth
+
+    calls = []
+    monkeypatch.setattr(smooth, "rasterise", lambda *a, **o: calls.append(1) or rasterise(*a, **o))
+    arguments = (icosphere(0), Orthographic(), Highlight(0.5), (Distant((0.2, 0.4, 1.0)),))
+    images = smooth.render_shadings(*arguments, size=(21, 27), background=0.1)
+    assert len(calls) == 1
+    for shading, image in zip(SHADINGS, images, strict=True):
+        np.testing.assert_allclose(image, render_mesh(*arguments, size=(21, 27), shading=shading, background=0.1), atol=1e-15)
 
 
 @pytest.mark.slow

@@ -104,7 +104,8 @@ def mach_bands(
     towards = _unit(light, "light", mesh.vertices.dtype)
     reach = 0.9
     camera = Orthographic((0.0, height, 5.0), (0.0, height, 0.0), half_height=reach / samples)
-    value, face = (np.asarray(part) for part in _line(mesh, camera, towards, samples, shading))
+    values, face = (np.asarray(part) for part in _line(mesh, camera, towards, samples))
+    value = values[list(SHADINGS).index(shading)]
     position = ((np.arange(samples) + 0.5) / samples * 2 - 1) * reach
     slope = np.diff(value) / np.diff(position)
     inner = (face[:-1] == face[1:]) & (face[1:] >= 0)
@@ -115,14 +116,15 @@ def mach_bands(
 
 
 @eqx.filter_jit
-def _line(mesh: Mesh, camera: Orthographic, towards: Array, samples: int, shading: str) -> tuple[Array, Array]:
-    fragments = rasterise(mesh, camera, (1, samples))
+def _line(mesh: Mesh, camera: Orthographic, towards: Array, samples: int) -> tuple[Array, Array]:
+    """(values of each of `SHADINGS`, faces) along the line: one program, most of which is the rasteriser."""
+    fragments, normals = rasterise(mesh, camera, (1, samples)), vertex_normals(mesh)
 
     def lambert(point: Array, normal: Array, view: Array) -> Array:
         return jnp.maximum(jnp.tensordot(towards, normal, 1), 0)[None]
 
-    image = SHADINGS[shading](mesh, camera, fragments, vertex_normals(mesh), lambert)
-    return image[0, 0].astype(float), fragments.face[0]
+    images = [shading(mesh, camera, fragments, normals, lambert) for shading in SHADINGS.values()]
+    return jnp.stack([image[0, 0] for image in images]).astype(float), fragments.face[0]
 
 
 def facet_contrast(mesh: Mesh, light: object = _TILTED) -> Float[Array, ""]:

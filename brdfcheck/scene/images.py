@@ -116,7 +116,7 @@ def contact_sheet(
     left = max(map(length, [*labels, down]))
     left += _MARGIN * bool(left)
     _, high, wide = images[0][0].shape
-    cell = max([wide, *map(length, columns)])  # a title may need more than its picture
+    cell = max([wide, *(length(text) + _MARGIN for text in columns)])  # a title may need more than its picture
     body = max(len(images[0]) * (cell + _MARGIN) - _MARGIN, length(across))
     first = left + _MARGIN + (body - len(images[0]) * (cell + _MARGIN) + _MARGIN) // 2
     height, width = lines + len(images) * (high + _MARGIN), left + _MARGIN + body

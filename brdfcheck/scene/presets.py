@@ -30,7 +30,7 @@ from brdfcheck.scene.images import contact_sheet
 from brdfcheck.scene.interpolation import area_weights, interpolated, scan_line_weights
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
-from brdfcheck.scene.smooth import render_mesh
+from brdfcheck.scene.smooth import render_shadings
 from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
 
@@ -59,8 +59,12 @@ class Canvas:
     def sphere(self, material: Any, lights: Any, camera: Any = None, **options: Any) -> Image:
         return self.mean(sphere_image(material, lights, camera, size=self.size, **options))
 
-    def mesh(self, mesh: Any, camera: Any, material: Any, lights: Any, **options: Any) -> Image:
-        return self.mean(render_mesh(mesh, camera, material, lights, size=self.size, **options))
+    def meshes(
+        self, mesh: Any, camera: Any, material: Any, lights: Any, shadings: Sequence[str], **options: Any
+    ) -> list[Image]:
+        """The mesh under several shadings."""
+        images = render_shadings(mesh, camera, material, lights, shadings, size=self.size, **options)
+        return [self.mean(image) for image in images]
 
     def checks(self, squares: int = 8, low: float = 0.15, high: float = 0.75) -> np.ndarray:
         """A chequered background at the size at which is rendered."""
@@ -418,6 +422,11 @@ def _single(mesh_level: int) -> meshes.Mesh:
     return meshes.icosphere(mesh_level, jnp.float32)
 
 
+def _turned(columns: Sequence[Sequence[Image]]) -> list[list[Image]]:
+    """Rows of columns."""
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
 def _faces(level: int) -> str:
     return f"{20 * 4**level} faces"
 
@@ -444,16 +453,12 @@ def _gouraud_phong(canvas: Canvas) -> Image:
         mesh = _single(level)
         view, light = towards_facet(mesh)
         camera, lights = Orthographic(5 * view, up=np.cross(view, light)), [Distant(light, 0.7 * np.pi)]
-        pictures.append(
-            [
-                *(canvas.mesh(mesh, camera, material, lights, shading=shading, background=0.02) for shading in shadings),
-                canvas.sphere(material, lights, camera, background=0.02),
-            ]
-        )
-        columns.append(f"{_faces(level)}: {float(failures.lost_highlight(mesh, n)):.3f}")
-    rows = [list(row) for row in zip(*pictures, strict=True)]
-    across = f"highlight on a facet's centre, n = {n:g}: what Gouraud shading leaves of it"
-    return contact_sheet(rows, columns=columns, labels=(*shadings, "exact"), across=across)
+        pictures.append(canvas.meshes(mesh, camera, material, lights, shadings, background=0.02))
+        pictures[-1].append(canvas.sphere(material, lights, camera, background=0.02))
+        reach = np.degrees(float(failures.facet_circumradius(mesh)))
+        columns.append(f"{_faces(level)}, {reach:.1f} deg: {float(failures.lost_highlight(mesh, n)):.3f}")
+    across = f"degrees from a facet's centre to its corners: what Gouraud shading leaves of a highlight there, n = {n:g}"
+    return contact_sheet(_turned(pictures), columns=columns, labels=(*shadings, "exact"), across=across)
 
 
 _ASIDE = np.array([0.3, 0.2, 1.0])
@@ -462,27 +467,22 @@ _ASIDE = np.array([0.3, 0.2, 1.0])
 def _bleed(canvas: Canvas) -> Image:
     camera, lights = Orthographic(5 * _ASIDE), [Distant(-_ASIDE, np.pi)]
     white = Surface(Term("lambert", 1.0))
-    columns = [
-        f"{_faces(level)}: up to {float(failures.silhouette_bleed(_single(level), _ASIDE)):.2f}" for level in _LEVELS[:3]
-    ]
-    rows = [
-        [
-            *(canvas.mesh(_single(level), camera, white, lights, shading=shading) for level in _LEVELS[:3]),
-            canvas.sphere(white, lights, camera),
-        ]
-        for shading in ("gouraud", "phong")
-    ]
+    columns, pictures, shadings = [], [], ("gouraud", "phong")
+    for level in _LEVELS[:3]:
+        columns.append(f"{_faces(level)}: up to {float(failures.silhouette_bleed(_single(level), _ASIDE)):.2f}")
+        pictures.append(canvas.meshes(_single(level), camera, white, lights, shadings))
+    pictures.append([canvas.sphere(white, lights, camera)] * 2)
     across = "light straight from behind: all that is seen is wrong"
-    return contact_sheet(rows, columns=(*columns, "exact"), labels=("gouraud", "phong"), across=across)
+    return contact_sheet(_turned(pictures), columns=(*columns, "exact"), labels=shadings, across=across)
 
 
 def _mach_bands(canvas: Canvas) -> Image:
     mesh, height, reach = meshes.icosphere(1), 0.1, 1.25
     white, lights = Surface(Term("lambert", 1.0)), [Distant(_ASIDE, np.pi)]
     camera = Orthographic(half_height=reach)
-    columns, images, curves = [], [], []
-    for shading in ("flat", "gouraud", "phong"):
-        images.append(canvas.mesh(mesh, camera, white, lights, shading=shading, background=0.02))
+    columns, curves, shadings = [], [], ("flat", "gouraud", "phong")
+    images = canvas.meshes(mesh, camera, white, lights, shadings, background=0.02)
+    for shading in shadings:
         found = failures.mach_bands(mesh, shading, _ASIDE, height=height)
         kind = "value" if shading == "flat" else "slope"
         columns.append(f"{shading}: {kind} jumps {found.largest(kind):.2f}")
@@ -516,11 +516,9 @@ def _sheets(canvas: Canvas) -> Image:
         f"{name}: {float(failures.facet_contrast(mesh)):.3f}, {float(failures.interpolated_contrast(mesh)):.3f}"
         for name, mesh in sheets.items()
     ]
-    rows = [
-        [canvas.mesh(mesh, camera, white, lights, shading=shading, background=0.02) for mesh in sheets.values()]
-        for shading in ("flat", "gouraud")
-    ]
-    return contact_sheet(rows, columns=columns, labels=("flat", "gouraud"), across="contrast of facets, of averaged normals")
+    pictures = [canvas.meshes(mesh, camera, white, lights, ("flat", "gouraud"), background=0.02) for mesh in sheets.values()]
+    across = "contrast of facets, of averaged normals"
+    return contact_sheet(_turned(pictures), columns=columns, labels=("flat", "gouraud"), across=across)
 
 
 _CORNERS, _COLORS = ((-0.7, -0.7), (0.7, -0.7), (0.7, 0.7), (-0.7, 0.7)), (0.0, 1.0, 0.0, 1.0)
@@ -548,9 +546,8 @@ def _quadrilaterals(canvas: Canvas) -> Image:
         pictures.append([canvas.mean(np.where(inside, np.clip(way, 0, 1), ground)) for way in ways])
         centre = failures.turned_quadrilateral(jnp.asarray(_CORNERS), jnp.asarray(_COLORS), jnp.zeros(2), angle)
         columns.append(f"{degrees} degrees: {float(centre):.2f}")
-    rows = [list(row) for row in zip(*pictures, strict=True)]
     across = "a square turned, its corners 0, 1, 0, 1: what the centre is by scan lines"
-    return contact_sheet(rows, columns=columns, labels=("scan lines", "two triangles"), across=across)
+    return contact_sheet(_turned(pictures), columns=columns, labels=("scan lines", "two triangles"), across=across)
 
 
 # --- rays ---

@@ -6,7 +6,7 @@ vertex (Gouraud 1971) or per pixel (Phong 1975), which is the whole difference b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -57,40 +57,51 @@ def unit_normals(mesh: Mesh, fragments: Fragments, normals: Float[Array, "vertic
     return jnp.where(square > 0, blended / jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
-def shade_mesh(
+def shadings_of(
     mesh: Mesh,
     camera: AbstractCamera,
     shader: Shader,
+    shadings: Sequence[str],
     *,
     size: Size,
-    shading: str = "phong",
     weighting: Weighting = "unit",
     normals: Float[Array, "vertices 3"] | None = None,
     background: Any = 0.0,
     interpolation: str = "area",
     cull: bool = True,
-) -> Image:
-    """A linear image (3, height, width): the mesh under `shader`, before `background` (a number, a colour or an image).
-
-    `shading` is one of `SHADINGS`; `normals`, unit vectors at the vertices, stand in for those of `vertex_normals`. For use
-    under jit. ValueError for an unknown shading, and as for `rasterise` and `vertex_normals`.
-    """
-    if shading not in SHADINGS:
-        raise ValueError(f"shading must be one of {', '.join(SHADINGS)}; got {shading!r}")
+) -> list[Image]:
+    """`shade_mesh` for several of `SHADINGS`, one image for each: what is seen in a pixel is settled once for all."""
+    for shading in shadings:
+        if shading not in SHADINGS:
+            raise ValueError(f"shading must be one of {', '.join(SHADINGS)}; got {shading!r}")
     if normals is None:
         normals = vertex_normals(mesh, weighting)
     fragments = rasterise(mesh, camera, size, cull=cull, interpolation=interpolation)
-    image = SHADINGS[shading](mesh, camera, fragments, normals, shader)
-    behind = jnp.asarray(background, image.dtype)
-    return jnp.where(fragments.covered, image, behind if behind.ndim != 1 else behind[:, None, None])
+    images = [SHADINGS[shading](mesh, camera, fragments, normals, shader) for shading in shadings]
+    behind = jnp.asarray(background, images[0].dtype)
+    return [jnp.where(fragments.covered, image, behind if behind.ndim != 1 else behind[:, None, None]) for image in images]
+
+
+def shade_mesh(
+    mesh: Mesh, camera: AbstractCamera, shader: Shader, *, size: Size, shading: str = "phong", **options: Any
+) -> Image:
+    """A linear image (3, height, width): the mesh under `shader`, before `background` (a number, a colour or an image).
+
+    `shading` is one of `SHADINGS`; `normals`, unit vectors at the vertices, stand in for those of `vertex_normals`. The
+    options are those of `shadings_of`. For use under jit. ValueError for an unknown shading, and as for `rasterise` and
+    `vertex_normals`.
+    """
+    return shadings_of(mesh, camera, shader, (shading,), size=size, **options)[0]
 
 
 @eqx.filter_jit
-def _render(mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, background: Any, options: dict[str, Any]) -> Image:
+def _render(
+    mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, background: Any, options: dict[str, Any]
+) -> list[Image]:
     def shader(point: Array, normal: Array, view: Array) -> Array:
         return shade(material, lights, point, normal, view)
 
-    return shade_mesh(mesh, camera, shader, background=background, **options)
+    return shadings_of(mesh, camera, shader, background=background, **options)
 
 
 def _checked_normals(normals: Any, mesh: Mesh) -> Array:
@@ -110,10 +121,18 @@ def _in_front(mesh: Mesh, camera: AbstractCamera) -> Array:
     return camera.project(mesh.vertices.T, (1, 1)).in_front
 
 
-def render_mesh(
-    mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, *, size: Size, background: Any = 0.0, **options: Any
-) -> Image:
-    """`shade_mesh` with a material under lights, compiled: numbers are traced, options are not.
+def render_shadings(
+    mesh: Mesh,
+    camera: AbstractCamera,
+    material: Any,
+    lights: Any,
+    shadings: Sequence[str] = tuple(SHADINGS),
+    *,
+    size: Size,
+    background: Any = 0.0,
+    **options: Any,
+) -> list[Image]:
+    """`shadings_of` with a material under lights, compiled as one program: numbers are traced, options are not.
 
     Raises ValueError besides where part of the mesh lies behind the eye: the camera is inside it, or past it; for a
     background that is negative or not finite; for `normals` that are not one unit vector for each vertex.
@@ -130,4 +149,13 @@ def render_mesh(
                 f"the camera at {np.asarray(camera.eye).tolist()} is inside the mesh or beyond it: "
                 f"{int(behind.sum())} of {behind.size} vertices are behind it"
             )
-    return _render(mesh, camera, material, lights, as_parameter(background), {"size": size, **options})
+    return _render(
+        mesh, camera, material, lights, as_parameter(background), {"shadings": tuple(shadings), "size": size, **options}
+    )
+
+
+def render_mesh(
+    mesh: Mesh, camera: AbstractCamera, material: Any, lights: Any, *, size: Size, shading: str = "phong", **options: Any
+) -> Image:
+    """`render_shadings` with one shading; ValueError as there."""
+    return render_shadings(mesh, camera, material, lights, (shading,), size=size, **options)[0]
