@@ -247,7 +247,10 @@ def material(**parts: Any) -> dict[str, Any]:
         ({"lights": [{"kind": "distant", "direction": [0, 0, 0]}]}, "lights[0]: direction must not have length 0"),
         ({"lights": [{"kind": "point", "position": [0, 0, 1], "intensity": float("nan")}]}, "intensity must be finite"),
         ({"lights": [{"kind": "polygon", "vertices": [[0, 0, 1], [1, 0, 1]]}]}, "needs at least 3 vertices"),
-        ({"camera": {"kind": "perspective", "field_of_view": 200}}, "field_of_view must be a number > 0 and < 180; got 200"),
+        (
+            {"camera": {"kind": "perspective", "field_of_view": 200}},
+            "field_of_view must be finite and > 0 and <= 179.99; got 200",
+        ),
         ({"camera": []}, "camera must be a table, below [camera]"),
         ({"geometry": {"kind": "cube"}}, "geometry.kind must be one of sphere, icosphere"),
         ({"geometry": {"kind": "icosphere", "level": 99}}, "geometry: level must be an integer from 0 to 8; got 99"),
@@ -280,7 +283,15 @@ def test_what_only_rendering_finds_out(run: Run, here: Path) -> None:
     (here / "scene.toml").write_text(text)
     code, _, err = run("render", "scene.toml", "-o", "a.png")
     assert code == ExitCode.USAGE_ERROR
-    assert "a Polygon light has a closed form on matt terms only; this surface has Phong" in err
+    assert "lights[1]: a Polygon light has a closed form on matt terms only; this surface has Phong" in err
+    assert "=True" not in err
+    # Each number is one of single precision, and two lights together are none.
+    light = '[[lights]]\nkind = "distant"\ndirection = [0, 1, 5]\nintensity = 3e38\n'
+    (here / "scene.toml").write_text(SCENE[: SCENE.index("[[lights]]")].replace("tint = 0.3", "tint = 0.4") + 2 * light)
+    code, _, err = run("render", "scene.toml", "-o", "a.png")
+    assert (code, err.count("\n")) == (ExitCode.USAGE_ERROR, 1)
+    assert "pixels are not finite in single precision" in err
+    assert not (here / "a.png").exists()
 
 
 def test_a_scene_needs_material_and_lights() -> None:

@@ -109,6 +109,41 @@ def test_point_and_spot_follow_opengl():
     assert 0 < inside.sum() < 50
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.3, 1.57])
+@pytest.mark.parametrize("size", [1e-12, 1.0, 1e12])
+def test_polygons_with_a_hole_a_notch_and_many_corners_are_polygons(turn, size):
+    ring = np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 60, endpoint=False)])
+    star = ring * np.where(np.arange(60) % 2, 1, 0.4)[:, None]
+    hole = 0.5 * ring[::10][::-1]
+    slit = np.concatenate([ring, ring[:1], hole, hole[:1]])  # out, and in along a line that is gone twice
+    tilt = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    comb = [[0, 0, 0], [7, 0, 0], [7, 2, 0], [5, 2, 0], [5, 1, 0], [3, 1, 0], [3, 2, 0], [1, 2, 0], [1, 1, 0], [0, 1, 0]]
+    for corners in (ring, star, slit, np.array(comb, float)):
+        for order in (corners, corners[::-1]):
+            Polygon(size * (order @ tilt.T + [1, 2, 3]))
+    crossed = np.concatenate([ring[:30], ring[:29:-1]])
+    with pytest.raises(ValueError, match="edges cross"):
+        Polygon(size * ((crossed + [0, 0.2, 0] * (ring[:, :1] > 0)) @ tilt.T))
+    # The outside less the hole.
+    whole, less = (Polygon(part @ tilt.T + [0, 0, 2]) for part in (ring, 0.5 * ring[::10]))
+    found = Polygon(slit @ tilt.T + [0, 0, 2]).irradiance(ORIGIN, UP)
+    assert float(found) == pytest.approx(float(whole.irradiance(ORIGIN, UP) - less.irradiance(ORIGIN, UP)), abs=1e-13)
+
+
+@pytest.mark.parametrize("distance", [1e-12, 1e12, 1e25])
+def test_lamps_at_any_distance_in_single_precision(distance):
+    origin = Vector(*jnp.zeros(3, jnp.float32))
+    falls = {"constant_attenuation": 1.0}, {"constant_attenuation": 0.0, "linear_attenuation": 0.5 / distance}
+    for fall, expected in zip(falls, (1.0, 2.0), strict=True):
+        for lamp in (Point((0, 0, distance), **fall), Spot((0, 0, distance), (0, 0, -1), **fall)):
+            lamp = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lamp)
+            direction, share = lamp.arriving(origin)
+            np.testing.assert_allclose(np.stack(direction), [0, 0, 1], atol=1e-6)
+            assert float(share) == pytest.approx(expected, rel=1e-5)
+            slopes = jax.grad(lambda lamp: lamp.arriving(origin)[1])(lamp)
+            assert np.all(np.isfinite(slopes.position))
+
+
 @pytest.mark.parametrize(
     ("build", "words"),
     [
@@ -126,7 +161,12 @@ def test_point_and_spot_follow_opengl():
         (lambda: Polygon([[0, 0, 1], [1, 0, 1]]), "at least 3 vertices"),
         (lambda: Polygon([[0, 0, 1], [1, 0, 1], [2, 0, 1]]), "span no area"),
         (lambda: Polygon([[0, 0, 1], [1, 0, 1], [1, 1, 2], [0, 1, 1]]), "do not lie in a plane"),
-        (lambda: Polygon([[0, 0, 1], [1, 0, np.inf], [2, 1, 1]]), "vertices must be finite"),
+        (lambda: Polygon([[0, 0, 1], [1, 0, np.inf], [2, 1, 1]]), r"vertices must be finite; got \[1.0, 0.0, inf\] in row 1"),
+        (lambda: Polygon([[-1, -1, 2], [1, 1, 2], [1, -1, 2], [-1, 0.2, 2]]), "edges cross one another"),
+        # A bow tie that meets itself in a corner, and a square gone round twice.
+        (lambda: Polygon([[0, 0, 1], [2, -2, 1], [2, 2, 1], [0, 0, 1], [-1, -1, 1], [-1, 1, 1]]), "edges cross one another"),
+        (lambda: Polygon([*SQUARE, *SQUARE]), "edges cross one another"),
+        (lambda: Distant((0, 0, 1), 1e39), "intensity must be finite in single precision"),
     ],
 )
 def test_bad_lights_are_refused_in_one_line(build, words):

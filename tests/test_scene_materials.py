@@ -187,6 +187,30 @@ def test_metal_is_the_printed_equation(form):
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-13)
 
 
+def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
+    # Rounding puts some of the cosines of 4000 normals around the mirror direction above 1.
+    tilts = np.random.default_rng(3).normal(size=(4000, 2)) * 1e-4
+    normals = numpy_shader.normalised(np.concatenate([tilts, np.ones((4000, 1))], 1)).astype(np.float32).T
+    normals[:, 0] = 0, 0, 1
+    light = numpy_shader.normalised(np.array([0.3, -0.2, 1]))
+    view = np.broadcast_to((light * [-1, -1, 1]).astype(np.float32)[:, None], normals.shape)
+    slopes = {"m", "alpha"}
+    facets = [entry.name for entry in catalog.entries() if slopes & entry.family.ranges.keys()]
+    terms = [Term(name, **dict.fromkeys(catalog.entry(name).family.ranges, 1e-9)) for name in facets]
+    surfaces = [Surface(term, allow_unvalidated=True) for term in terms]
+    models = [
+        Metal(1.0, [(0.1, 1e-9)]),
+        *(Metal(1.0, [(0.1, n)], form=form) for n in (1e9, 3e38) for form in ("half", "mirror")),
+    ]
+    assert len(facets) > 5
+    for material in (*surfaces, *models, Highlight(0.5, n=3e38)):
+        image = np.asarray(shade(material, (Distant(light),), 0 * normals, normals, view))
+        assert np.all(np.isfinite(image))
+        assert image[0, 0] > 0
+        if material in models[1:]:
+            assert image.max() <= np.float32(0.15)  # d and w: the centre of a highlight, wherever rounding puts it
+
+
 def test_metal_shows_its_own_colour_where_14_says_so():
     up = jnp.array([0.0, 0.0, 1.0])
     metal = Metal((0.9, 0.7, 0.3), [(0.013, 0.2), (0.1, 0.4)], d=0.05)
@@ -216,7 +240,12 @@ def test_metal_shows_its_own_colour_where_14_says_so():
         (lambda: Highlight(0.5, n=(1, 2)), ValueError, "n must be one number"),
         (lambda: Translucent(0.5, t_p=-1), ValueError, "t_p must be finite and >= 0"),
         (lambda: Translucent(0.5, behind=(1, 2)), ValueError, "behind must be a number or three"),
-        (lambda: Metal(0.5, [(0.1, 0.0)]), ValueError, "the slope m must be finite and > 0"),
+        (lambda: Metal(0.5, [(0.1, 0.0)]), ValueError, "the slope m must be finite and >= 1e-09; got .0.0.$"),
+        (lambda: Metal(0.5, [(0.1, 1e39)], form="half"), ValueError, "lobes must be finite in single precision"),
+        (lambda: Highlight(0.5, n=1e39), ValueError, "n must be finite in single precision"),
+        (lambda: Term("cook-torrance", m=1e-20), ValueError, "cook-torrance: m must be finite and >= 1e-09"),
+        (lambda: Term(GGX(1e-12)), ValueError, "GGX: alpha must be finite and >= 1e-09"),
+        (lambda: Term(BlinnPhong(1e39)), ValueError, "a parameter of BlinnPhong must be finite in single precision"),
         (lambda: Metal(0.5, [(0.1, 0.2, 0.3)]), ValueError, "pairs of weight and slope"),
         (lambda: Metal(0.5, [(0.1, 0.2)], form="gold"), ValueError, "form must be one of"),
         (lambda: shaded(Metal(0.5, [[(0.1, 0.2)]] * 3), (DISTANT, POINT)), ValueError, "got 3 for 2 lights"),

@@ -151,8 +151,8 @@ GOOD = [[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]
 @pytest.mark.parametrize(
     ("vertices", "faces", "message"),
     [
-        ([[0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], [[0, 1, 2]], "vertices must be finite; vertex 2"),
-        ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], "vertices must be finite; vertex 2"),
+        ([[0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], [[0, 1, 2]], "vertices must be finite; got .* in row 2"),
+        ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], "vertices must be finite; got .* in row 2"),
         (GOOD, [[0, 1, 3]], "vertices 0 to 2; face 0"),
         (GOOD, [[0, 1, 2], [0, -1, 2]], "vertices 0 to 2; face 1"),
         (GOOD, [[0, 1, 1]], "must have an area; face 0"),

@@ -114,8 +114,9 @@ def test_perspective_points_lie_on_the_sphere_and_on_their_rays():
     [
         ({"camera": Perspective((0.0, 0.0, 0.5))}, "the camera is inside the sphere: 0.5 from its center, radius 1"),
         ({"radius": 6.0}, "the camera is inside the sphere: 5 from its center, radius 6"),
-        ({"radius": -1.0}, "radius one > 0"),
-        ({"center": (0, 0, float("nan"))}, "center must be three finite numbers"),
+        ({"radius": -1.0}, "radius must be finite and > 0; got -1.0"),
+        ({"radius": (1, 2)}, "radius must be one number"),
+        ({"center": (0, 0, float("nan"))}, "center must be finite"),
         ({"background": (1, 2)}, "background must be a number, RGB or"),
         ({"size": (0, 5)}, "size must be"),
     ],
@@ -289,6 +290,26 @@ def test_a_sheet_of_ten_spheres_is_one_program_and_numbers_compile_nothing(monke
         alone = sphere_image(Highlight((0.8, 0.2, 0.1), n=n), (SKY,), size=size)
         np.testing.assert_allclose(image, alone, atol=1e-6)
     sphere_image(Highlight((0.1, 0.7, 0.1), n=3, w=0.2), (Distant((1, 0, 1), 0.3),), size=size, radius=0.7, background=0.2)
+    assert len(traces) == 1
+
+
+@pytest.mark.parametrize("kind", [Orthographic, Perspective])
+def test_numbers_of_cameras_and_places_compile_nothing_however_they_are_written(monkeypatch, kind):
+    traces = []
+    real = sphere.shade
+    monkeypatch.setattr(sphere, "shade", lambda *a: traces.append(1) or real(*a))
+    opening = "half_height" if kind is Orthographic else "field_of_view"
+    for number in (2, 2.5, np.float64(3), jnp.asarray(2.0), jnp.asarray(2)):
+        camera = kind(**{opening: number})
+        places = (
+            ((0, 0, 0), 1, 0),
+            ([0.0, 0.1, 0.0], 1.5, 0.5),
+            (np.zeros(3), np.float64(1), 0.2),
+            (jnp.zeros(3), jnp.asarray(1), 1),
+        )
+        for center, radius, background in places:
+            sphere_image(Highlight(0.5), (SKY,), camera, size=(11, 13), center=center, radius=radius, background=background)
+    sphere_image(Highlight(0.5), (SKY,), kind((0, 1, 5), [0, 0, 0.1], jnp.asarray([0, 1, 0.1])), size=(11, 13))
     assert len(traces) == 1
 
 

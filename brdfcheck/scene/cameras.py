@@ -16,8 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.brdf import as_parameter
-from brdfcheck.scene.values import unit
+from brdfcheck.scene.values import polar, scalar, shown, unit, vector_of
 
 Size = tuple[int, int]
 
@@ -47,21 +46,15 @@ def pixel_centres(size: Size, dtype: Any) -> Float[Array, "2 height width"]:
     return jnp.stack(jnp.broadcast_arrays(x[None, :], y[:, None]))
 
 
-def _checked_frame(eye: Array, target: Array, up: Array) -> None:
-    for name, part in (("eye", eye), ("target", target), ("up", up)):
-        if part.shape != (3,) or (not isinstance(part, Tracer) and not np.all(np.isfinite(np.asarray(part)))):
-            raise ValueError(f"{name} must be three finite numbers; got {part}")
+def _placed(eye: Any, target: Any, up: Any) -> tuple[Array, Array, Array]:
+    """The three as arrays; ValueError where they make no frame."""
+    eye, target = vector_of(eye, "eye", zero=True), vector_of(target, "target", zero=True)
+    up = vector_of(up, "up")
     if not any(isinstance(part, Tracer) for part in (eye, target, up)):
-        back = np.asarray(eye, float) - np.asarray(target, float)
-        if not np.linalg.norm(np.cross(up, back)) > 1e-6 * np.linalg.norm(up) * np.linalg.norm(back):
-            raise ValueError(f"eye, target and up must not lie on one line; got {eye}, {target}, {up}")
-
-
-def _checked_opening(value: object, name: str, most: float) -> Array:
-    array = as_parameter(value)
-    if not isinstance(array, Tracer) and not (array.shape == () and 0 < float(array) < most):
-        raise ValueError(f"{name} must be a number > 0 and < {most:g}; got {value}")
-    return array
+        back, upright = np.asarray(eye, float) - np.asarray(target, float), np.asarray(up, float)
+        if not np.linalg.norm(np.cross(upright, back)) > 1e-6 * np.linalg.norm(upright) * np.linalg.norm(back):
+            raise ValueError(f"eye, target and up must not lie on one line; got {', '.join(map(shown, (eye, target, up)))}")
+    return eye, target, up
 
 
 class AbstractCamera(eqx.Module):
@@ -90,8 +83,8 @@ class AbstractCamera(eqx.Module):
     def frame(self, dtype: Any) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
         """The eye, the unit vectors to the right, up and from target to eye (the rows of a matrix), the distance between."""
         eye, target, up = (part.astype(dtype) for part in (self.eye, self.target, self.up))
-        distance = jnp.sqrt(jnp.sum((eye - target) ** 2))
-        back = (eye - target) / distance
+        distance, towards = polar(eye - target)
+        back = jnp.stack(towards)
         right = jnp.stack(unit(jnp.cross(jnp.stack(unit(up)), back)))
         return eye, jnp.stack([right, jnp.cross(back, right), back]), distance
 
@@ -124,9 +117,8 @@ class Orthographic(AbstractCamera):
         up: object = (0.0, 1.0, 0.0),
         half_height: object = 1.05,
     ):
-        self.eye, self.target, self.up = as_parameter(eye), as_parameter(target), as_parameter(up)
-        self.half_height = _checked_opening(half_height, "half_height", np.inf)
-        _checked_frame(self.eye, self.target, self.up)
+        self.eye, self.target, self.up = _placed(eye, target, up)
+        self.half_height = scalar(half_height, "half_height", above=True)
 
     def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
         (right, up, depth), distance = self.in_frame(points)
@@ -162,9 +154,9 @@ class Perspective(AbstractCamera):
         up: object = (0.0, 1.0, 0.0),
         field_of_view: object = 25.0,
     ):
-        self.eye, self.target, self.up = as_parameter(eye), as_parameter(target), as_parameter(up)
-        self.field_of_view = _checked_opening(field_of_view, "field_of_view", 180.0)
-        _checked_frame(self.eye, self.target, self.up)
+        self.eye, self.target, self.up = _placed(eye, target, up)
+        # Half of it is below 90 degrees in single precision too.
+        self.field_of_view = scalar(field_of_view, "field_of_view", 0, 179.99, above=True)
 
     def _half_height(self, dtype: Any) -> Array:
         return jnp.tan(self.field_of_view.astype(dtype) * (np.pi / 360))
@@ -181,8 +173,7 @@ class Perspective(AbstractCamera):
         return shares / jnp.sum(shares, axis=0)
 
     def view(self, points: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
-        towards = self.eye.astype(points.dtype).reshape(3, *[1] * (points.ndim - 1)) - points
-        return towards / jnp.sqrt(jnp.sum(towards * towards, axis=0))
+        return jnp.stack(unit(self.eye.astype(points.dtype).reshape(3, *[1] * (points.ndim - 1)) - points))
 
     def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
         eye, axes, _ = self.frame(dtype)

@@ -51,7 +51,7 @@ from brdfcheck.scene.colour import rgb_of_spectrum
 from brdfcheck.scene.interpolation import INTERPOLATIONS
 from brdfcheck.scene.smooth import SHADINGS, render_mesh
 from brdfcheck.scene.sphere import sphere_image
-from brdfcheck.scene.values import color_of
+from brdfcheck.scene.values import color_of, scalar, shown, vector_of
 
 _KEYS = ("size", "background", "allow_unvalidated", "geometry", "camera", "material", "lights")
 _LIGHTS: dict[str, Callable[..., Any]] = {
@@ -95,7 +95,10 @@ class Scene:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def render(self, size: Size | None = None) -> Float[np.ndarray, "3 height width"]:
-        """The linear image in float32, at `size` or the scene's own. ValueError for lights or places that do not fit."""
+        """The linear image in float32, at `size` or the scene's own.
+
+        ValueError for lights or places that do not fit, and for numbers that make it leave the range of single precision.
+        """
         size = self.size if size is None else checked_size(size)
         if self.mesh is None:
             image = sphere_image(self.material, self.lights, self.camera, size=size, background=self.background, **self.options)
@@ -103,7 +106,14 @@ class Scene:
             image = render_mesh(
                 self.mesh, self.camera, self.material, self.lights, size=size, background=self.background, **self.options
             )
-        return np.asarray(image)
+        image = np.asarray(image)
+        lost = np.count_nonzero(~np.all(np.isfinite(image), axis=0))
+        if lost:
+            raise ValueError(
+                f"{lost} of {size[0] * size[1]} pixels are not finite in single precision: numbers of the scene are too large,"
+                " or too small, taken together"
+            )
+        return image
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -127,14 +137,14 @@ def parse_scene(
             raise UsageError(f"{label}: {key} is missing; a scene needs a [material] and [[lights]]")
     listed = document["lights"]
     if not isinstance(listed, list):
-        raise UsageError(f"{label}: lights must be a list of tables, each below [[lights]]; got {_shown(listed)}")
+        raise UsageError(f"{label}: lights must be a list of tables, each below [[lights]]; got {shown(listed)}")
     allow = document.get("allow_unvalidated", False)
     if not isinstance(allow, bool):
-        raise UsageError(f"{label}: allow_unvalidated must be true or false; got {_shown(allow)}")
+        raise UsageError(f"{label}: allow_unvalidated must be true or false; got {shown(allow)}")
     size = document.get("size", 512)
     size = (size, size) if isinstance(size, int) and not isinstance(size, bool) else size
     if not isinstance(size, list | tuple):
-        raise UsageError(f"{label}: size must be a number of pixels or [height, width]; got {_shown(size)}")
+        raise UsageError(f"{label}: size must be a number of pixels or [height, width]; got {shown(size)}")
     geometry = _table(document, "geometry", label, {"kind": "sphere"})
     mesh, options = _geometry(geometry, f"{label}: geometry")
     return Scene(
@@ -153,11 +163,13 @@ def _geometry(table: Mapping[str, Any], place: str) -> tuple[meshes.Mesh | None,
     given = {key: value for key, value in table.items() if key != "kind"}
     if kind == "sphere":
         _refuse_unknown(given, ("center", "radius"), f"{place} (sphere)")
+        _try(place, vector_of, given.get("center", (0, 0, 0)), "center", zero=True)
+        _try(place, scalar, given.get("radius", 1), "radius", above=True)
         return None, given
     options = {key: given.pop(key) for key in _MESH_OPTIONS if key in given}
     for key, value in options.items():
         if value not in _MESH_OPTIONS[key]:
-            raise UsageError(f"{place}.{key} must be one of {', '.join(_MESH_OPTIONS[key])}; got {_shown(value)}")
+            raise UsageError(f"{place}.{key} must be one of {', '.join(_MESH_OPTIONS[key])}; got {shown(value)}")
     parameters = {name: part for name, part in inspect.signature(_MESHES[kind]).parameters.items() if name != "dtype"}
     _refuse_unfit(given, parameters, f"{place} ({kind})", tuple(_MESH_OPTIONS))
     # Sheets have two sides.
@@ -172,13 +184,13 @@ def _material(table: Mapping[str, Any], allow_unvalidated: bool, validated: bool
     listed = table.get("terms")
     if not isinstance(listed, list) or not listed or not all(isinstance(term, dict) for term in listed):
         raise UsageError(
-            f'{place}.terms must be a list of tables, as in [{{ brdf = "phong", tint = 0.5, n = 50 }}]; got {_shown(listed)}'
+            f'{place}.terms must be a list of tables, as in [{{ brdf = "phong", tint = 0.5, n = 50 }}]; got {shown(listed)}'
         )
     terms = []
     for number, one in enumerate(listed):
         where = f"{place}.terms[{number}]"
         if not isinstance(one.get("brdf"), str):
-            raise UsageError(f"{where}.brdf must be a catalogue name (brdfcheck list); got {_shown(one.get('brdf'))}")
+            raise UsageError(f"{where}.brdf must be a catalogue name (brdfcheck list); got {shown(one.get('brdf'))}")
         terms.append(_try(where, lambda one=one: materials.Term(**_colors(one))))
 
     def surface() -> materials.Surface:
@@ -201,9 +213,9 @@ def _made(table: Any, kinds: Mapping[str, Callable[..., Any]], place: str) -> An
     _refuse_unfit(given, parameters, f"{place} ({kind})")
     for name, parameter in parameters.items():
         if isinstance(parameter.default, bool) and not isinstance(given.get(name, False), bool):
-            raise UsageError(f"{place}.{name} must be true or false; got {_shown(given[name])}")
+            raise UsageError(f"{place}.{name} must be true or false; got {shown(given[name])}")
     if kind == "metal" and not (isinstance(given["lobes"], list) and all(isinstance(lobe, list) for lobe in given["lobes"])):
-        raise UsageError(f"{place}.lobes must be pairs, as in [[0.013, 0.2], [0.1, 0.4]]; got {_shown(given['lobes'])}")
+        raise UsageError(f"{place}.lobes must be pairs, as in [[0.013, 0.2], [0.1, 0.4]]; got {shown(given['lobes'])}")
     return _try(place, lambda: kinds[kind](**_colors(given)))
 
 
@@ -221,10 +233,10 @@ def _color(value: Any) -> Any:
     return value
 
 
-def _try(place: str, make: Callable[..., Any], *arguments: Any) -> Any:
-    """``make(*arguments)``; what it refuses names the place."""
+def _try(place: str, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+    """``make(*arguments, **options)``; what it refuses names the place."""
     try:
-        return make(*arguments)
+        return make(*arguments, **options)
     except UsageError as error:
         raise UsageError(f"{place}: {error}") from None
     except KeyError as error:
@@ -236,16 +248,16 @@ def _try(place: str, make: Callable[..., Any], *arguments: Any) -> Any:
 def _table(document: Mapping[str, Any], key: str, label: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
     table = document.get(key, default)
     if not isinstance(table, Mapping):
-        raise UsageError(f"{label}: {key} must be a table, below [{key}]; got {_shown(table)}")
+        raise UsageError(f"{label}: {key} must be a table, below [{key}]; got {shown(table)}")
     return table
 
 
 def _kind(table: Any, kinds: Sequence[str], place: str) -> str:
     if not isinstance(table, Mapping):
-        raise UsageError(f"{place} must be a table with a kind; got {_shown(table)}")
+        raise UsageError(f"{place} must be a table with a kind; got {shown(table)}")
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in kinds:
-        raise UsageError(f"{place}.kind must be one of {', '.join(kinds)}; got {_shown(kind)}")
+        raise UsageError(f"{place}.kind must be one of {', '.join(kinds)}; got {shown(kind)}")
     return kind
 
 
@@ -262,9 +274,4 @@ def _refuse_unknown(table: Mapping[str, Any], allowed: Sequence[str], place: str
         if key not in allowed:
             near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
             hint = f"did you mean {near[0]}? allowed:" if near else "allowed:"
-            raise UsageError(f"{place}: unknown key {_shown(key)}; {hint} {', '.join(allowed)}")
-
-
-def _shown(value: Any) -> str:
-    text = one_line(repr(value))
-    return text if len(text) <= 60 else f"{text[:57]}..."
+            raise UsageError(f"{place}: unknown key {shown(key)}; {hint} {', '.join(allowed)}")

@@ -17,7 +17,20 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.scene.values import TINY, Vector, checked, choose, color_of, cross, dot, power, scalar, unit, vector_of
+from brdfcheck.scene.values import (
+    TINY,
+    Vector,
+    checked,
+    choose,
+    color_of,
+    cross,
+    dot,
+    polar,
+    power,
+    scalar,
+    unit,
+    vector_of,
+)
 
 
 class AbstractLight(eqx.Module):
@@ -87,11 +100,10 @@ def _attenuations(values: tuple[Any, Any, Any]) -> list[Array]:
 
 
 def _attenuated(light: Point | Spot, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
-    way = Vector(*light.position) - point
-    square = jnp.maximum(dot(way, way), TINY)
-    distance = jnp.sqrt(square)
-    loss = light.constant_attenuation + light.linear_attenuation * distance + light.quadratic_attenuation * square
-    return way * (1 / distance), 1 / jnp.maximum(loss, TINY)
+    distance, direction = polar(Vector(*light.position) - point)
+    # No square of the distance by itself, which single precision may not hold where the coefficient is 0.
+    a, b, c = light.constant_attenuation, light.linear_attenuation, light.quadratic_attenuation
+    return direction, 1 / jnp.maximum(a + distance * (b + distance * c), TINY)
 
 
 @final
@@ -185,8 +197,8 @@ class Polygon(AbstractLight):
     as negative, and a sum below 0 as 0. A surface with other terms than matt ones refuses the light, for which these have
     no closed form, unless `matt_only` says that it is to reach the matt ones alone.
 
-    ValueError for fewer than three vertices, ones that span no area or do not lie in a plane (1e-4 of the size), or a bad
-    intensity.
+    ValueError for fewer than three vertices, ones that span no area or do not lie in a plane (1e-4 of the size), edges that
+    cross one another, or a bad intensity.
     """
 
     vertices: Float[Array, "k 3"]
@@ -204,19 +216,14 @@ class Polygon(AbstractLight):
         horizon_clipping: bool = True,
         matt_only: bool = False,
     ):
-        self.vertices = checked(vertices, "vertices", -np.inf)
-        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or len(self.vertices) < 3:
-            raise ValueError(f"a polygon needs at least 3 vertices, shape (k, 3); got shape {self.vertices.shape}")
+        what = "at least 3 rows of three numbers"
+        self.vertices = checked(vertices, "vertices", -np.inf, shapes=[(None, 3)], what=what)
+        if len(self.vertices) < 3:
+            raise ValueError(f"a polygon needs at least 3 vertices; got {len(self.vertices)}")
         if not isinstance(self.vertices, Tracer):
-            corners = np.asarray(self.vertices, float)
-            corners = corners - corners.mean(0)
-            size = np.abs(corners).max()
-            area = np.sum(np.cross(corners, np.roll(corners, -1, 0)), 0) / 2
-            length = np.linalg.norm(area)
-            if not length > 1e-9 * size**2:
-                raise ValueError(f"the polygon's vertices span no area: {np.asarray(self.vertices).tolist()}")
-            if np.abs(corners @ area).max() > 1e-4 * size * length:
-                raise ValueError(f"the polygon's vertices do not lie in a plane: {np.asarray(self.vertices).tolist()}")
+            fault = _fault(np.asarray(self.vertices, float))
+            if fault:
+                raise ValueError(f"the polygon's {fault}")
         self.intensity = color_of(intensity, "intensity")
         self.two_sided, self.horizon_clipping, self.matt_only = bool(two_sided), bool(horizon_clipping), bool(matt_only)
 
@@ -248,6 +255,41 @@ class Polygon(AbstractLight):
             out = choose(piece.leaves, piece.end, out)
         # Positive where the corners run clockwise as seen from the point.
         return (jnp.abs(total) if self.two_sided else jnp.maximum(-total, 0)) / 2
+
+
+def _fault(corners: np.ndarray) -> str:
+    """What is wrong with a polygon, shape (k, 3), in words; nothing if it is one."""
+    corners = corners - corners.mean(0)
+    size = np.abs(corners).max()
+    corners = corners / (size or 1)
+    area = np.sum(np.cross(corners, np.roll(corners, -1, 0)), 0) / 2
+    length = np.linalg.norm(area)
+    if not length > 1e-9:
+        return "vertices span no area"
+    normal = area / length
+    if np.abs(corners @ normal).max() > 1e-4:
+        return "vertices do not lie in a plane"
+    # Between the abscissas of corners and crossings, edges lie over one another in one order: from below, each that goes
+    # right adds one turn around the points above it and each that goes left takes one away. Inside there is one turn.
+    right = np.cross(normal, corners[np.argmax(np.linalg.norm(corners, axis=1))])
+    right /= np.linalg.norm(right)
+    x, y = corners @ right, corners @ np.cross(normal, right)
+    run, rise = np.roll(x, -1) - x, np.roll(y, -1) - y
+    turn = run[:, None] * rise - rise[:, None] * run
+    with np.errstate(divide="ignore", invalid="ignore"):  # parallel edges cross nowhere
+        along = ((x - x[:, None]) * rise - (y - y[:, None]) * run) / turn
+    met = (along > 0) & (along < 1)
+    stops = np.unique(np.concatenate([x, (x[:, None] + along * run[:, None])[met & met.T]]))
+    for low, high in itertools.pairwise(stops):
+        middle = (low + high) / 2
+        spans = (np.minimum(x, x + run) < middle) & (middle < np.maximum(x, x + run))
+        height = y[spans] + (middle - x[spans]) * rise[spans] / run[spans]
+        order = np.argsort(height)
+        turns = np.cumsum(np.sign(run[spans][order]))[:-1]
+        wrong = np.diff(height[order])[(turns != 0) & (turns != 1)]
+        if np.any(wrong * (high - low) > 1e-6 * length):
+            return "edges cross one another"
+    return ""
 
 
 class _Piece(eqx.Module):

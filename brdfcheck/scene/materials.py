@@ -21,8 +21,11 @@ from brdfcheck.precision import double_precision
 from brdfcheck.scene.fresnel import FRESNELS
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
 from brdfcheck.scene.shading import AbstractMaterial, Meeting, Place, meetings, reflected
-from brdfcheck.scene.values import TINY, checked, color_of, power, scalar, spread, strong
+from brdfcheck.scene.values import TINY, checked, color_of, power, scalar, spread
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check
+
+# The least slope of facets: its square stays far from the least number of single precision.
+_SMOOTHEST = 1e-9
 
 # --- physical surfaces ---
 
@@ -70,7 +73,11 @@ class Term(eqx.Module):
             raise TypeError(f"parameters go with a catalogue name; got {', '.join(parameters)} beside {type(brdf).__name__}")
         if not isinstance(brdf, AbstractBRDF):
             raise TypeError(f"a BRDF must be a catalogue name or a lobe of this package; got {type(brdf).__name__}")
-        self.brdf = jax.tree.map(strong, brdf)
+        what = self.name or type(brdf).__name__
+        self.brdf = jax.tree.map(lambda leaf: checked(leaf, f"a parameter of {what}", -np.inf), brdf)
+        for slope in ("m", "alpha"):
+            if hasattr(core := peel(self.brdf)[0], slope):
+                checked(getattr(core, slope), f"{what}: {slope}", _SMOOTHEST)
 
     @property
     def matt(self) -> bool:
@@ -124,7 +131,7 @@ class Surface(AbstractMaterial):
 
         dimensions = len(place.shape)
         total = jnp.zeros((3,) + (1,) * dimensions, place.normal.x.dtype)
-        for light in lights:
+        for number, light in enumerate(lights):
             meeting = Meeting(place, light) if isinstance(light, AbstractRayLight) else None
             for term in self.terms:
                 if meeting is not None:
@@ -145,8 +152,8 @@ class Surface(AbstractMaterial):
                     total = total + spread(light.intensity * tint, dimensions) * value
                 elif not isinstance(light, Ambient) and not (isinstance(light, Polygon) and light.matt_only):
                     raise ValueError(
-                        f"a {type(light).__name__} light has a closed form on matt terms only; this surface has"
-                        f" {type(peel(term.brdf)[0]).__name__}: with matt_only=True the light reaches the matt terms alone"
+                        f"lights[{number}]: a {type(light).__name__} light has a closed form on matt terms only; this surface"
+                        f" has {type(peel(term.brdf)[0]).__name__}: a light that is matt_only reaches the matt terms alone"
                     )
         return total
 
@@ -313,10 +320,8 @@ class Translucent(AbstractMaterial):
 
 
 def _backdrop(behind: Any) -> Array:
-    array = checked(behind, "behind", 0, np.inf)
-    if array.ndim > 1 and array.shape[0] == 3:
-        return array
-    return color_of(behind, "behind")
+    array = checked(behind, "behind")
+    return array if array.ndim > 1 and array.shape[0] == 3 else color_of(behind, "behind")
 
 
 MetalForm = Literal["facets", "half", "mirror"]
@@ -334,8 +339,8 @@ class Metal(AbstractMaterial):
     in their order. A power's base below 0 counts as 0; a light below the horizon still adds its power, as printed. With
     (14), d + sum w_j / m_j^2 near 1, the centre of the highlight shows C0.
 
-    Raises ValueError for values outside these ranges, m = 0, an unknown form, as many lists as neither one nor the lights,
-    or lights other than Distant, Point and Spot.
+    Raises ValueError for values outside these ranges, m below 1e-9, an unknown form, as many lists as neither one nor the
+    lights, or lights other than Distant, Point and Spot.
     """
 
     base: Float[Array, " 3"]
@@ -347,17 +352,15 @@ class Metal(AbstractMaterial):
         if form not in ("facets", "half", "mirror"):
             raise ValueError(f"form must be one of facets, half, mirror; got {form!r}")
         self.base, self.d, self.form = color_of(base, "base", 1), scalar(d, "d", 0, 1), form
-        pairs = f"lobes are pairs of weight and {'slope' if form == 'facets' else 'exponent'}, at least one"
+        pairs = f"pairs of weight and {'slope' if form == 'facets' else 'exponent'}, at least one"
         try:
             single = np.ndim(lobes[0][0]) == 0
-        except (TypeError, IndexError, KeyError):
-            raise ValueError(f"{pairs}; got {lobes!r}") from None
-        self.lobes = tuple(checked(part, pairs if np.size(part) == 0 else "lobes") for part in ([lobes] if single else lobes))
-        for part in self.lobes:
-            if part.ndim != 2 or part.shape[1] != 2:
-                raise ValueError(f"{pairs}; got {lobes}")
-            if form == "facets":
-                checked(part[:, 1], "the slope m", above=True)
+        except (TypeError, IndexError, KeyError, ValueError):
+            single = True
+        parts = [lobes] if single else lobes
+        self.lobes = tuple(checked(part, "lobes", shapes=[(None, 2)], what=pairs) for part in parts)
+        for part in self.lobes if form == "facets" else ():
+            checked(part[:, 1], "the slope m", _SMOOTHEST)
 
     def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
         found, dimensions = meetings(lights, place, "Metal"), len(place.shape)

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from brdfcheck.brdf import as_parameter
+from brdfcheck.scene.values import checked, scalar
 
 Weighting = Literal["unit", "area"]
 
@@ -33,10 +33,10 @@ class Mesh(eqx.Module):
     faces: Int[Array, "faces 3"]
 
     def __init__(self, vertices: object, faces: object):
-        self.vertices, self.faces = as_parameter(vertices), jnp.asarray(faces)
-        for name, part in (("vertices", self.vertices), ("faces", self.faces)):
-            if part.ndim != 2 or part.shape[1] != 3 or not len(part):
-                raise ValueError(f"{name} must be a table of rows of three; got the shape {part.shape}")
+        rows = {"shapes": [(None, 3)], "what": "a table of rows of three numbers"}
+        self.vertices = checked(vertices, "vertices", -np.inf, **rows)
+        checked(faces, "faces", -np.inf, **rows)
+        self.faces = jnp.asarray(faces)
         if not jnp.issubdtype(self.faces.dtype, jnp.integer):
             raise ValueError(f"faces must hold vertex numbers, which are integers; got {self.faces.dtype}")
         self.faces = self.faces.astype(jnp.int32)
@@ -45,9 +45,6 @@ class Mesh(eqx.Module):
 
 
 def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
-    if not np.all(np.isfinite(vertices)):
-        worst = int(np.argmin(np.all(np.isfinite(vertices), axis=1)))
-        raise ValueError(f"vertices must be finite; vertex {worst} is {vertices[worst].tolist()}")
     if faces.min() < 0 or faces.max() >= len(vertices):
         worst = int(np.argmax(np.any((faces < 0) | (faces >= len(vertices)), axis=1)))
         raise ValueError(f"faces must name vertices 0 to {len(vertices) - 1}; face {worst} is {faces[worst].tolist()}")
@@ -116,9 +113,8 @@ def _integer(value: int, name: str, least: int, most: int) -> int:
     return int(value)
 
 
-def _positive(value: float, name: str) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be finite and > 0; got {value}")
+def _positive(value: Any, name: str) -> float:
+    scalar(value, name, above=True)
     return float(value)
 
 

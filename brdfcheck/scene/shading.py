@@ -127,9 +127,10 @@ class AbstractMaterial(eqx.Module):
 
 def meetings(lights: Sequence[AbstractLight], place: Place, owner: str) -> list[Meeting]:
     """Each light at the place; ValueError where one of them has no direction."""
-    for light in lights:
+    for number, light in enumerate(lights):
         if not isinstance(light, AbstractRayLight):
-            raise ValueError(f"{owner} is lit by Distant, Point and Spot lights only; got {type(light).__name__}")
+            kind = type(light).__name__
+            raise ValueError(f"lights[{number}]: {owner} is lit by Distant, Point and Spot lights only; got {kind}")
     return [Meeting(place, light) for light in lights if isinstance(light, AbstractRayLight)]
 
 

@@ -16,12 +16,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import as_parameter
 from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
 from brdfcheck.scene.raster import Fragments, rasterise
 from brdfcheck.scene.shading import shade
-from brdfcheck.scene.values import backdrop_of, plain
+from brdfcheck.scene.values import backdrop_of, checked
 
 Shader = Callable[[Array, Array, Array], Array]
 Image = Float[Array, "3 height width"]
@@ -105,9 +104,8 @@ def _render(
 
 
 def _checked_normals(normals: Any, mesh: Mesh) -> Array:
-    array = as_parameter(plain(normals, "normals", "unit vectors of shape (vertices, 3)"))
-    if array.shape != mesh.vertices.shape:
-        raise ValueError(f"normals must have the shape of the vertices, {mesh.vertices.shape}; got {array.shape}")
+    shape = mesh.vertices.shape
+    array = checked(normals, "normals", -np.inf, shapes=[shape], what=f"unit vectors, of shape {shape} as the vertices")
     if not isinstance(array, Tracer):
         length = np.linalg.norm(np.asarray(array, float), axis=1)
         wrong = np.flatnonzero(~(np.abs(length - 1) <= 1e-3))
@@ -145,13 +143,12 @@ def render_shadings(
     if not isinstance(in_front, Tracer):
         behind = ~np.asarray(in_front)
         if np.any(behind):
+            where = "turned away from the mesh" if np.all(behind) else "inside the mesh or beyond it"
             raise ValueError(
-                f"the camera at {np.asarray(camera.eye).tolist()} is inside the mesh or beyond it: "
+                f"the camera at {np.asarray(camera.eye).tolist()} is {where}: "
                 f"{int(behind.sum())} of {behind.size} vertices are behind it"
             )
-    return _render(
-        mesh, camera, material, lights, as_parameter(background), {"shadings": tuple(shadings), "size": size, **options}
-    )
+    return _render(mesh, camera, material, lights, background, {"shadings": tuple(shadings), "size": size, **options})
 
 
 def render_mesh(

@@ -15,7 +15,9 @@ from jaxtyping import Array, Bool, Float
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight
 from brdfcheck.scene.shading import AbstractMaterial, shade
-from brdfcheck.scene.values import Vector, backdrop_of, dot, plain, spread
+from brdfcheck.scene.values import Vector, backdrop_of, dot, scalar, spread, vector_of
+
+_USUAL_EYE = (0.0, 0.0, 5.0)
 
 
 def sphere_image(
@@ -36,21 +38,14 @@ def sphere_image(
     contact sheet is one program too. Raises ValueError for a camera inside the sphere or bad values, and what `shade` raises.
     """
     size = checked_size(size)
-    center, radius = plain(center, "center", "three finite numbers"), plain(radius, "radius", "one number > 0")
+    center, radius = vector_of(center, "center", zero=True), scalar(radius, "radius", above=True)
     background = backdrop_of(background, size)
-    if not isinstance(center, Tracer) and not isinstance(radius, Tracer):
-        _refuse_inside(np.asarray(center, float), np.asarray(radius, float), camera)
-    return _image(material, tuple(lights), camera, (center, radius, background), size, jnp.dtype(dtype))
-
-
-def _refuse_inside(center: np.ndarray, radius: np.ndarray, camera: AbstractCamera | None) -> None:
-    if center.shape != (3,) or radius.shape or not (np.all(np.isfinite(center)) and 0 < radius < np.inf):
-        raise ValueError(f"center must be three finite numbers, radius one > 0; got {center.tolist()} and {radius.tolist()}")
-    eye = np.array([0.0, 0.0, 5.0]) if camera is None else camera.eye
-    if not isinstance(eye, Tracer):
-        distance = float(np.linalg.norm(np.asarray(eye, float) - center))
-        if not distance > radius:
+    eye = _USUAL_EYE if camera is None else camera.eye
+    if not any(isinstance(part, Tracer) for part in (center, radius, eye)):
+        distance = float(np.linalg.norm(np.asarray(eye, float) - np.asarray(center, float)))
+        if not distance > float(radius):
             raise ValueError(f"the camera is inside the sphere: {distance:.4g} from its center, radius {float(radius):.4g}")
+    return _image(material, tuple(lights), camera, (center, radius, background), size, jnp.dtype(dtype))
 
 
 def seen_sphere(

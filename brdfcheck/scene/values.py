@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -16,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import as_parameter
+from brdfcheck.messages import one_line
 
 TINY = 1e-18
 """Kept off exact zeros; its square is a normal float32 number."""
@@ -50,14 +51,20 @@ def cross(a: Any, b: Any) -> Vector:
     return Vector(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def unit(a: Any) -> Vector:
-    """The vector at length 1, whatever its length; the zero vector stays zero."""
-    # Over its largest component first, so that no square leaves the range of float32. The result does not depend on that
+def polar(a: Any) -> tuple[Float[Array, "..."], Vector]:
+    """(length, vector at length 1), whatever the length; the zero vector stays zero."""
+    # Over its largest component first, so that no square leaves the range of float32. The results do not depend on that
     # number, nor do derivatives.
     largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, (jnp.abs(part) for part in a)))
     a = Vector(*a) * (1 / jnp.where(largest > 0, largest, 1))
     square = dot(a, a)
-    return a * (1 / jnp.sqrt(jnp.where(square > 0, square, 1)))
+    root = jnp.sqrt(jnp.where(square > 0, square, 1))
+    return largest * root, a * (1 / root)
+
+
+def unit(a: Any) -> Vector:
+    """The vector at length 1, whatever its length; the zero vector stays zero."""
+    return polar(a)[1]
 
 
 def choose(condition: Array, a: Any, b: Any) -> Vector:
@@ -66,9 +73,14 @@ def choose(condition: Array, a: Any, b: Any) -> Vector:
 
 
 def power(base: Float[Array, "..."], n: Float[Array, "..."]) -> Float[Array, "..."]:
-    """max(base, 0)^n with 0^0 = 1, as exp(n log base), which XLA vectorises where it does not pow. Finite gradients."""
+    """c^n with 0^0 = 1 and c = `base` between 0 and 1, as exp(n log c), which XLA vectorises where it does not pow.
+
+    Gradients are finite. A cosine that rounding puts above 1 counts as 1: a large n would make anything of it.
+    """
     positive = base > 0
-    return jnp.where(positive, jnp.exp(n * jnp.log(jnp.where(positive, base, 1))), jnp.where(n > 0, 0, 1).astype(base.dtype))
+    exponent = n * jnp.log(jnp.where(positive, base, 1))
+    exponent = jnp.where(exponent > 0, 0, exponent)
+    return jnp.where(positive, jnp.exp(exponent), jnp.where(n > 0, 0, 1).astype(base.dtype))
 
 
 def spread(color: Float[Array, "..."], dimensions: int) -> Float[Array, "..."]:
@@ -81,79 +93,106 @@ def strong(array: Array) -> Array:
     return array.astype(array.dtype)
 
 
-def checked(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Array:
-    """`value` as an array leaf; ValueError where it is not finite or outside [low, high] (`above`: low itself too)."""
+def shown(value: Any) -> str:
+    """A value as a message quotes it: on one line, and not at length."""
+    if isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
+        if value.size > 4:
+            return f"an array of shape {value.shape}"
+        value = value.tolist()
     try:
-        if isinstance(value, str) or jnp.asarray(value).dtype == bool:
-            raise TypeError
-        array = strong(as_parameter(value))
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be a number; got {value!r}") from None
+        text = one_line(repr(value))
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "an integer of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _numbers(value: Any) -> Any:
+    """An array of floating-point numbers: of JAX where it is one or holds traced values, else of numpy, never traced."""
+    if isinstance(value, jax.Array) or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
+        array: Any = jnp.asarray(value)
+    else:
+        array = np.asarray(value)
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    # numpy calls integers objects where they are long; some texts it would read as numbers.
+    long = array.dtype == object and all(type(part) is int for part in array.flat)
+    if not (long or jnp.issubdtype(array.dtype, jnp.integer)):
+        raise TypeError
+    return array.astype(float)
+
+
+def checked(
+    value: Any,
+    name: str,
+    low: float = 0.0,
+    high: float = np.inf,
+    *,
+    above: bool = False,
+    shapes: Sequence[tuple[int | None, ...]] = (),
+    what: str = "a number",
+) -> Array:
+    """`value` as an array leaf: a traced value stays as it is, numbers take JAX's default precision.
+
+    ValueError, in one line, for what is not numbers of one of the `shapes` (None: any length; no shapes: any shape), which
+    the message calls `what`; for what is not finite in single precision; for what is outside [low, high], or with `above` is
+    low itself or not told from it in single precision. Traced values are not checked.
+    """
+    single = np.finfo(np.float32)
+    range_of_single = f"finite in single precision, <= {single.max:.3g}"
+
+    def refusal(allowed: str, bad: np.ndarray | None = None) -> ValueError:
+        row = -1 if bad is None or bad.ndim != 2 else int(np.argmax(np.any(bad, axis=1)))
+        got = shown(value) if row < 0 else f"{shown(np.asarray(value)[row])} in row {row}"
+        return ValueError(f"{name} must be {allowed}; got {got}")
+
+    try:
+        array = _numbers(value)
+    except OverflowError:
+        raise refusal(range_of_single) from None
+    except (TypeError, ValueError):
+        raise refusal(what) from None
+    fits = (
+        len(shape) == array.ndim and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True)) for shape in shapes
+    )
+    if not array.size or (shapes and not any(fits)):
+        raise refusal(what)
     if not isinstance(array, Tracer):
-        values = np.asarray(array)
-        good = np.isfinite(values) & (values <= high) & ((values > low) if above else (values >= low))
-        if values.size == 0 or not np.all(good):
+        numbers = np.asarray(array).astype(float)
+        good = (numbers >= (low + float(single.tiny) if above else low)) & (numbers <= high) & np.isfinite(numbers)
+        if not np.all(good):
             bounds = [f"{'>' if above else '>='} {low:g}"] if low > -np.inf else []
             bounds += [f"<= {high:g}"] if high < np.inf else []
-            raise ValueError(f"{name} must be {' and '.join(['finite', *bounds])}; got {value}")
-    return array
+            raise refusal(" and ".join(["finite", *bounds]), ~good)
+        large = np.abs(numbers) > single.max
+        if np.any(large):
+            raise refusal(range_of_single, large)
+    return strong(jnp.asarray(array))
 
 
 def scalar(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Float[Array, ""]:
-    """`checked`, and ValueError where it is not one number."""
-    array = checked(value, name, low, high, above=above)
-    if array.ndim:
-        raise ValueError(f"{name} must be one number; got {value if array.size <= 4 else f'shape {array.shape}'}")
-    return array
+    """`checked`, one number."""
+    return checked(value, name, low, high, above=above, shapes=[()], what="one number")
 
 
 def color_of(value: Any, name: str, high: float = np.inf) -> Float[Array, " 3"]:
-    """A number or RGB as shape (3,), linear; ValueError where it is negative, not finite, above `high` or of another shape."""
-    array = checked(value, name, 0.0, high)
-    if array.shape not in ((), (3,)):
-        raise ValueError(f"{name} must be a number or three, R, G and B; got shape {array.shape}")
+    """`checked`, a number or RGB as shape (3,), linear, from 0 to `high`."""
+    array = checked(value, name, 0.0, high, shapes=[(), (3,)], what="a number or three, R, G and B")
     return jnp.broadcast_to(array, (3,))
 
 
 def vector_of(value: Any, name: str, *, zero: bool = False) -> Float[Array, " 3"]:
-    """Three finite components; ValueError for anything else and, unless `zero`, for length 0 in single precision."""
-    array = checked(value, name, -np.inf)
-    if array.shape != (3,):
-        raise ValueError(f"{name} must have three components, x, y and z; got shape {array.shape}")
-    if not isinstance(array, Tracer):
-        largest, single = np.max(np.abs(np.asarray(array))), np.finfo(np.float32)
-        if largest > single.max:
-            raise ValueError(f"{name} must be finite in single precision, <= {single.max:.3g}; got {value}")
-        if not zero and largest < single.tiny:
-            raise ValueError(f"{name} must not have length 0, in single precision at least {single.tiny:.3g}; got {value}")
+    """`checked`, three components; ValueError, unless `zero`, for length 0 in single precision."""
+    array = checked(value, name, -np.inf, shapes=[(3,)], what="three components, x, y and z")
+    if not zero and not isinstance(array, Tracer):
+        tiny = np.finfo(np.float32).tiny
+        if np.max(np.abs(np.asarray(array))) < tiny:
+            raise ValueError(f"{name} must not have length 0, in single precision at least {tiny:.3g}; got {shown(value)}")
     return array
 
 
-def plain(value: Any, name: str, allowed: str) -> Any:
-    """A JAX array as it is, anything else as numbers in numpy; ValueError, with what is allowed, where it is not numbers."""
-    if isinstance(value, jax.Array):
-        return value
-    try:
-        array = np.asarray(value)
-        if array.dtype == bool:
-            raise TypeError
-        return array.astype(float)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be {allowed}; got {value!r}") from None
-
-
-def backdrop_of(value: Any, size: tuple[int, int]) -> Any:
-    """What is behind an object: a number, RGB or an image (3, height, width), linear, as an array.
-
-    ValueError for another shape, for a number or RGB that is negative and, unless it is traced, for what is not finite.
-    """
-    array = plain(value, "background", "a number, RGB or an image")
-    if array.shape not in ((), (3,), (3, *size)):
-        raise ValueError(f"background must be a number, RGB or {(3, *size)}; got shape {array.shape}")
-    if not isinstance(array, Tracer):
-        # Images may come from the artistic models, which go below 0 under strong lights.
-        if not np.all(np.isfinite(np.asarray(array))):
-            raise ValueError(f"background must be finite; got {value if array.ndim < 2 else 'an image with NaN or infinities'}")
-        if array.ndim < 2 and np.any(np.asarray(array) < 0):
-            raise ValueError(f"background must be finite and >= 0; got {value}")
-    return array
+def backdrop_of(value: Any, size: tuple[int, int]) -> Array:
+    """`checked`, what is behind an object: a number or RGB, linear, >= 0, or an image (3, height, width)."""
+    what = f"a number, RGB or an image of shape {(3, *size)}"
+    array = checked(value, "background", -np.inf, shapes=[(), (3,), (3, *size)], what=what)
+    # Images may come from the artistic models, which go below 0 under strong lights.
+    return array if array.ndim > 1 else checked(value, "background")
