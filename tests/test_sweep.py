@@ -358,15 +358,51 @@ def test_damage_is_named_and_mended(key, how, tmp_path):
 
 
 @pytest.mark.parametrize("how", DAMAGE)
-def test_damaged_root_metadata_is_named(how, tmp_path):
+def test_damaged_root_metadata_is_named_and_mended(how, tmp_path):
+    """All of it follows from the configuration but the commit; chunks are kept, times and all."""
     out = tmp_path / "s"
     sweep(SMALL, out)
+    before = contents(out, seconds=True)
+    attributes = json.loads(before["zarr.json"])["attributes"]
     DAMAGE[how](out / "zarr.json")
     after = contents(out, seconds=True)
-    for repair in (False, True):
-        with pytest.raises(SweepError, match=r"the store is damaged: .*zarr\.json (is missing|is damaged)"):
-            sweep(SMALL, out, repair=repair)
+    with pytest.raises(
+        SweepError, match=r"the store is damaged: .*zarr\.json (is missing|is damaged); run again with --repair"
+    ):
+        sweep(SMALL, out)
     assert contents(out, seconds=True) == after
+    data = sweep(SMALL, out, repair=True)
+    assert data.attrs == {**attributes, "source_commit": "unknown"}
+    mended = contents(out, seconds=True)
+    assert {**mended, "zarr.json": b""} == {**before, "zarr.json": b""}
+    sweep(SMALL, out)
+
+
+def test_damaged_root_metadata_is_not_made_up(tmp_path):
+    """What else describes the store must be what the configuration gives, or it may be another's."""
+    out = tmp_path / "s"
+    sweep(SMALL, out)
+    (out / "zarr.json").write_bytes(b"{")
+    other = {**SMALL, "axes": {**SMALL["axes"], "n": {"geomspace": [1, 101, 5]}}}
+    after = contents(out, seconds=True)
+    with pytest.raises(SweepError, match=r"zarr\.json is lost, and n/c.* is not that of this configuration; put it back"):
+        sweep(other, out, repair=True)
+    DAMAGE["deleted"](out / "albedo" / "zarr.json")
+    with pytest.raises(SweepError, match=r"is lost, and albedo/zarr\.json is not that of this configuration"):
+        sweep(SMALL, out, repair=True)
+    assert {**contents(out, seconds=True), "albedo/zarr.json": b""} == {**after, "albedo/zarr.json": b""}
+
+
+@pytest.mark.parametrize("data", [b"", b"xx", b"xxxxxxxxx", np.float64(np.nan).tobytes(), np.float64(-1).tobytes()])
+def test_a_damaged_time_is_named_and_mended(data, tmp_path):
+    out = tmp_path / "s"
+    sweep(SMALL, out)
+    before = contents(out)
+    (out / "seconds/c/0/1").write_bytes(data)
+    with pytest.raises(SweepError, match="seconds/c/0/1 is damaged; run again with --repair"):
+        sweep(SMALL, out)
+    assert float(sweep(SMALL, out, repair=True).seconds.min()) > 0
+    assert contents(out) == before
 
 
 def test_a_damaged_checksum_is_named_and_mended(tmp_path):
@@ -598,8 +634,36 @@ def test_a_dry_run_creates_nothing(tmp_path, capsys):
     assert "estimate  " in text
     assert os.listdir(tmp_path) == ["c.toml"]
     assert cli.run(["sweep", str(config), "--dry-run"]) == 0
-    toml(config, KILLED.replace('"phong"', '"cook-torrance"').replace("n = {", "m = {").replace("1000", "1"))
+    toml(config, KILLED.replace('"phong"', '"cook-torrance"').replace("n = {", "m = {").replace("[1, 1000", "[0.1, 1"))
     assert cli.run(["sweep", str(config), "--dry-run"]) == 0
+
+
+def test_a_dry_run_of_a_huge_sweep_is_quick(tmp_path, capsys):
+    """1e13 cells in some 1e9 chunks: counted along the axes, not one by one."""
+    text = 'brdf = "phong"\nrule = "zonal"\n[axes]\nn = { geomspace = [1, 1000, 3000000] }\n'
+    config = toml(tmp_path / "c.toml", text + "cos_theta = { linspace = [0.05, 1, 3333333] }\n[chunks]\nn = 50\n")
+    began = time.monotonic()
+    assert cli.run(["sweep", str(config), "--dry-run", "--out", str(tmp_path / "s")]) == 0
+    assert time.monotonic() - began < 30
+    assert "cells     9999999000000 in " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("there", [(), (0, 3, 7)])
+def test_programs_and_chunks_are_counted_as_they_are_run(there):
+    """In closed form the same as chunk by chunk, also where chunks hang over the end or belong to one program each."""
+    for document in (
+        {"brdf": "phong", "axes": {"n": {"geomspace": [1, 100, 50]}, "cos_theta": {"linspace": [0, 1, 7]}}, "chunks": {"n": 8}},
+        {"brdf": ["phong", "blinn-phong"], "rule": "zonal", "precision": ["float32", "float64"],
+         "axes": {"cos_theta": {"linspace": [0, 1, 5]}, "n": [1.0, 2.5]}, "chunks": {"cos_theta": 2}},
+        {"brdf": "phong", "axes": {"n": 3, "cos_theta": 1}},
+    ):  # fmt: skip
+        plan = Plan(parse(document))
+        chunks = [plan.chunk(index) for index in range(plan.chunks)]
+        assert sum(plan.cells_of(places) for _, places in plan.programs()) == plan.cells
+        expected = sorted((chunk for chunk in chunks if chunk.index not in there), key=plan.program)
+        assert list(plan.missing(there)) == expected
+        for wave in plan.waves(plan.missing(there), 3):
+            assert len({plan.program(chunk) for chunk in wave}) == 1
 
 
 def test_a_dry_run_knows_what_is_there(tmp_path, capsys):

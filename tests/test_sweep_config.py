@@ -118,6 +118,15 @@ def test_what_is_wrong_is_said_in_one_line(document, message, tmp_path):
         ("BinomialPower", {"form": ["upside-down"]}, "form must be one of mirror, half"),
         ("Lyon", {"w": [40]}, "w must be an integer from 1 to 16; got 40"),
         (["phong", "lambert"], {}, "unknown axis 'n': lambert takes reflectance"),
+        ("phong", {"n": ["a"]}, "axes.n: must hold numbers; got 'a'"),
+        ("phong", {"n": "a"}, "axes.n: must hold numbers; got 'a'"),
+        ("Phong", {"n": [True]}, "axes.n: must hold numbers; got True"),
+        ("binomial-power-half", {"k": ["8"]}, "axes.k: must hold numbers; got '8'"),
+        ("phong", {"n": [3, 3]}, "axes.n: 3 is given twice"),
+        ("phong", {"n": [1, 2.5, 2.5]}, "axes.n: 2.5 is given twice"),
+        ("phong", {"n": {"linspace": [2, 2, 3]}}, "axes.n.linspace: 2 is given twice"),
+        ("phong", {"cos_theta": [0.5, 1, 0.5]}, "axes.cos_theta: 0.5 is given twice"),
+        ("BinomialPower", {"k": [8, 16, 8]}, "axes.k: 8 is given twice"),
     ],
 )
 def test_parameters_a_lobe_refuses(brdf, axes, message):

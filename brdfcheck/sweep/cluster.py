@@ -18,7 +18,7 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from brdfcheck.precision import use_compilation_cache
 from brdfcheck.sweep import config, provenance
 from brdfcheck.sweep.compute import Computer, Result
 from brdfcheck.sweep.errors import SweepError
-from brdfcheck.sweep.plan import Plan
+from brdfcheck.sweep.plan import Chunk, Plan
 
 # Seconds to wait for an answer of the scheduler, for a first worker, for another worker once all have gone, and for the
 # transfer of a result.
@@ -77,7 +77,7 @@ def compute_here(payload: str, facts: dict[str, Any], indices: Sequence[int]) ->
     with _lock:  # users' files are imported once
         computer = _computer(payload)
     plan = computer.plan
-    return [result for wave in plan.waves(indices, computer.width) for result in computer(wave)]
+    return [result for wave in plan.waves(map(plan.chunk, indices), computer.width) for result in computer(wave)]
 
 
 def _compared(ours: dict[str, Any], theirs: dict[str, Any]) -> list[str]:
@@ -122,12 +122,12 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         _close(self._client)
 
-    def results(self, plan: Plan, indices: Sequence[int]) -> Iterator[Result]:
-        """The chunks of these numbers as they come, in any order, each once. SweepError where the cluster is lost."""
+    def results(self, plan: Plan, chunks: Iterable[Chunk]) -> Iterator[Result]:
+        """These chunks (in program order) as they come, in any order, each once. SweepError where the cluster is lost."""
         client, address = self._client, self.address
         payload = json.dumps({"config": plan.config.document(), "label": plan.config.label, "files": plan.sources})
         facts = provenance.facts()
-        batches = ([chunk.index for chunk in wave] for wave in plan.waves(indices, self._devices))
+        batches = ([chunk.index for chunk in wave] for wave in plan.waves(chunks, self._devices))
         waiting: dict[Any, list[int]] = {}
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         alive = time.monotonic()

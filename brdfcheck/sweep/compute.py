@@ -13,27 +13,24 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.callables import Evaluator, Finding
-from brdfcheck.directional import adaptive_albedo, batch_size, batched, one, peel
+from brdfcheck.directional import adaptive_albedo, batch_size, batched, peel
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.precision import double_precision
+from brdfcheck.sweep.cells import CELL, dtype_of, evaluator, of_cell
 from brdfcheck.sweep.config import ANGLES, CHOICES
+from brdfcheck.sweep.plan import Chunk, Plan
 from brdfcheck.sweep.subjects import of_type
 from brdfcheck.tables import albedo_table
 
-if TYPE_CHECKING:
-    from brdfcheck.sweep.plan import Chunk, Plan
-
 _AXIS = "chunks"
-_CELL = "cell index"
 # Compiled programs kept; chunks come in the order of their programs.
 _KEPT = 8
 # Cells looked at to estimate how long a chunk takes.
@@ -196,64 +193,11 @@ class Computer:
         return found[combination]
 
 
-def evaluator(plan: Plan, combination: tuple[int, ...]) -> Evaluator:
-    """Engine 3's view of the BRDF at these static parameters. UsageError where it cannot be evaluated."""
-    subject, middle = plan.subject(combination), {}
-    for name in plan.numeric:
-        if name not in ANGLES:
-            values = plan.values(name)
-            middle[name] = float(values.min() + values.max()) / 2
-    try:
-        with double_precision():
-            return Evaluator(_named(subject.build, subject.name), middle)
-    except Finding as error:
-        raise plan.config.fail("brdf", one_line(error)) from None
-
-
-def channels(plan: Plan, combination: tuple[int, ...]) -> int | None:
-    """How many channels the BRDF has at these static parameters; None where it gives one number."""
-    with double_precision():
-        if plan.engine(combination) != "adaptive":
-            numbers = [name for name in plan.numeric if name != "azimuth"]
-            function = _of_cell(plan, combination)
-            shapes = {name: jax.ShapeDtypeStruct((), _dtype(plan, combination)) for name in numbers}
-            if plan.engine(combination) == "rule":
-                shapes[_CELL] = jax.ShapeDtypeStruct((), np.int64)
-            try:
-                shape = jax.eval_shape(lambda numbers: function(numbers)[0], shapes).shape
-            except Exception as error:
-                settings = plan.settings(combination)
-                if plan.engine(combination) != "rule":
-                    raise
-                text = f"{settings['brdf']} cannot be traced by JAX, which the rule {settings['rule']!r} needs"
-                raise plan.config.fail("rule", f"{text} ({type(error).__name__})") from None
-        else:
-            wi = np.array([[0.6, 0.0, 0.8]])
-            values = {name: float(plan.values(name)[0]) for name in plan.numeric if name not in ANGLES}
-            try:
-                shape = evaluator(plan, combination).bind(values)(wi, wi).shape[1:]
-            except Finding as error:
-                raise plan.config.fail("brdf", one_line(error)) from None
-    return shape[0] if shape else None
-
-
-def _named(build: Callable[..., Any], name: str) -> Callable[..., Any]:
-    def built(**numbers: Any) -> Any:
-        return build(**numbers)
-
-    built.__name__ = name
-    return built
-
-
 def _rounded(evaluate: Callable, precision: str) -> Callable:
     """The function with its values rounded to float32, where that is asked for: the error bars then say so."""
     if precision == "float64":
         return evaluate
     return lambda wi, wo: evaluate(wi, wo).astype(np.float32)
-
-
-def _dtype(plan: Plan, combination: tuple[int, ...]) -> np.dtype:
-    return np.dtype(plan.settings(combination)["precision"])
 
 
 # --- cells one by one ---
@@ -280,12 +224,12 @@ def _flat(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
 def _cell_inputs(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> dict[str, np.ndarray]:
     columns = _flat(plan, chunk)
     columns.pop("azimuth", None)  # lobes of these engines do not turn with the surface
-    dtype = _dtype(plan, combination)
+    dtype = dtype_of(plan, combination)
     columns = {name: column.astype(dtype) for name, column in columns.items()}
     if plan.engine(combination) == "rule":
         # Where a cell lies among all cells: chance that neither the chunks nor the devices have a say in.
         places = np.ix_(*(np.arange(part.start, part.stop) for part in chunk.slices))
-        columns[_CELL] = np.ravel_multi_index(places, plan.shape).ravel() if places else np.zeros(1, np.int64)
+        columns[CELL] = np.ravel_multi_index(places, plan.shape).ravel() if places else np.zeros(1, np.int64)
     padding = (0, plan.chunk_cells - chunk.cells)
     return {name: np.pad(column, padding, mode="edge") for name, column in columns.items()}
 
@@ -303,44 +247,8 @@ def _cell_outputs(plan: Plan, chunk: Chunk, value: np.ndarray, error: np.ndarray
     return value.reshape(chunk.shape + trailing), error.reshape(chunk.shape + trailing)
 
 
-def _of_cell(plan: Plan, combination: tuple[int, ...]) -> Callable:
-    subject, settings = plan.subject(combination), plan.settings(combination)
-    dtype, rtol = _dtype(plan, combination), settings.get("rtol")
-
-    if plan.engine(combination) == "rule":
-        return _of_cell_by_rule(plan, combination)
-
-    def cell(numbers: dict[str, Any]) -> tuple[Any, Any, Any]:
-        parameters = {name: value for name, value in numbers.items() if name not in ANGLES}
-        mu = numbers["cos_theta"]
-        core, scale = peel(of_type(subject.build(**parameters), dtype))
-        value, error, count = one(core, mu, rtol)
-        factor = scale(mu)
-        return value * factor, error * jnp.abs(factor), jnp.asarray(count)
-
-    return cell
-
-
-def _of_cell_by_rule(plan: Plan, combination: tuple[int, ...]) -> Callable:
-    subject, dtype = plan.subject(combination), _dtype(plan, combination)
-    rule = plan.rule(plan.settings(combination)["rule"])
-
-    def cell(numbers: dict[str, Any]) -> tuple[Any, Any, Any]:
-        parameters = {name: value for name, value in numbers.items() if name not in (*ANGLES, _CELL)}
-        brdf = subject.build(**parameters)
-        index = numbers[_CELL]
-        key = jax.random.key(plan.config.seed)
-        for part in (index >> 32, index & 0xFFFFFFFF):
-            key = jax.random.fold_in(key, part.astype(jnp.uint32))
-        brdf = of_type(brdf, dtype) if isinstance(brdf, AbstractBRDF) else brdf
-        found = rule(brdf, numbers["cos_theta"], key=key if rule.random else None)
-        return found.value, found.error, found.evaluations
-
-    return cell
-
-
 def _cells(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> Callable:
-    function = _of_cell(plan, combination)
+    function = of_cell(plan, combination)
     # Rules bound their memory themselves, for one cell.
     batch = 1 if plan.engine(combination) == "rule" else batch_size(peel(plan.subject(combination).template)[0])
 
@@ -357,11 +265,11 @@ def _cells(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> Callable:
 def _table_inputs(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> dict[str, np.ndarray]:
     names = [dimension.name for dimension in plan.dimensions]
     if "cos_theta" not in names:
-        return {"cos_theta": plan.values("cos_theta").astype(_dtype(plan, combination))}
+        return {"cos_theta": plan.values("cos_theta").astype(dtype_of(plan, combination))}
     at = names.index("cos_theta")
     cosines = plan.values("cos_theta")[chunk.slices[at]]
     padding = (0, plan.dimensions[at].chunk - len(cosines))
-    return {"cos_theta": np.pad(cosines, padding, mode="edge").astype(_dtype(plan, combination))}
+    return {"cos_theta": np.pad(cosines, padding, mode="edge").astype(dtype_of(plan, combination))}
 
 
 def _table_outputs(plan: Plan, chunk: Chunk, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -380,7 +288,7 @@ def _table_outputs(plan: Plan, chunk: Chunk, value: np.ndarray, error: np.ndarra
 
 def _table(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> Callable:
     subject, settings = plan.subject(combination), plan.settings(combination)
-    dtype = _dtype(plan, combination)
+    dtype = dtype_of(plan, combination)
     place = dict(zip((dimension.name for dimension in plan.dimensions), chunk.slices, strict=True))
     exponents = plan.values("n")[place["n"]]
     held = {name: float(plan.values(name)[0]) for name in plan.numeric if name not in (*CHOICES, *ANGLES) and name != "n"}

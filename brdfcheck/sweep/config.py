@@ -190,6 +190,7 @@ def _listed(label: str, name: str, values: list[Any], where: str, *, held: bool)
             raise _error(label, where, f"{_shown(twice)} is given twice")
         return Axis(name, names, held, names[0] if held else list(names))
     numbers = [_number(label, value, where) for value in values]
+    _refuse_twice(label, where, np.array(numbers))
     if all(isinstance(value, int) for value in values) and name not in ANGLES and name != "rtol":
         return Axis(name, tuple(values), held, values[0] if held else list(values))
     return Axis(name, np.array(numbers), held, numbers[0] if held else numbers)
@@ -213,7 +214,15 @@ def _space(label: str, name: str, form: str, arguments: Any, where: str) -> Axis
         values = (np.linspace if form == "linspace" else np.geomspace)(first, last, count)
     if not np.all(np.isfinite(values)):
         raise _error(label, where, f"the values must be finite; from {first:g} to {last:g} they overflow")
+    _refuse_twice(label, where, values)
     return Axis(name, values, False, {form: [first, last, count]})
+
+
+def _refuse_twice(label: str, where: str, values: np.ndarray) -> None:
+    """An axis is an index: a value that is there twice could not be selected."""
+    found, counts = np.unique(values, return_counts=True)
+    if found.size < values.size:
+        raise _error(label, where, f"{found[np.argmax(counts > 1)]:.17g} is given twice")
 
 
 def _number(label: str, value: Any, where: str) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +20,7 @@ import numpy as np
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.precision import double_precision
 from brdfcheck.sweep import subjects
+from brdfcheck.sweep.cells import channels
 from brdfcheck.sweep.config import ANGLES, CHOICES, Axis, Config
 from brdfcheck.sweep.subjects import Source, Subject
 
@@ -108,9 +109,9 @@ class Plan:
         axis = self.config.axes[name]
         if name in ANGLES:
             return False
-        if isinstance(axis.values, tuple) and not isinstance(axis.values[0], int):
-            return True
-        if isinstance(axis.values, tuple) and isinstance(axis.values[0], bool):
+        if isinstance(axis.values, tuple) and isinstance(axis.values[0], (str, bool)):
+            if any(name in source.numbers for source in self._sources.values()):
+                raise self.config.fail(f"axes.{name}", f"must hold numbers; got {axis.values[0]!r}")
             return True
         listed = isinstance(axis.values, tuple)
         return any(name in (source.whole if listed else source.integers) for source in self._sources.values())
@@ -205,8 +206,6 @@ class Plan:
 
     def _channels(self) -> int | None:
         """How many channels the results have; None for scalar BRDFs."""
-        from brdfcheck.sweep.compute import channels
-
         found: dict[int | None, Any] = {}
         for combination in self._combinations():
             found.setdefault(channels(self, combination), self.settings(combination)["brdf"])
@@ -289,9 +288,34 @@ class Plan:
         place = dict(zip((dimension.name for dimension in self.dimensions), chunk.slices, strict=True))["n"]
         return combination, (place.start, place.stop)
 
-    def waves(self, indices: Iterable[int], width: int) -> Iterator[list[Chunk]]:
-        """The chunks of these numbers, at most `width` at a time, and only such as share a program."""
-        chunks = sorted((self.chunk(index) for index in indices), key=self.program)
+    def programs(self) -> Iterator[tuple[tuple[int, ...], tuple[range, ...]]]:
+        """For each program in turn, its static indices, and along each dimension which chunks it computes."""
+        for combination in self._combinations():
+            at = dict(zip(self.static, combination, strict=True))
+            places = [range(at[d.name], at[d.name] + 1) if d.static else range(d.chunks) for d in self.dimensions]
+            names = [dimension.name for dimension in self.dimensions]
+            if self.engine(combination) != "table":
+                yield combination, tuple(places)
+                continue
+            axis = names.index("n")
+            for part in places[axis]:  # see `program`
+                yield combination, (*places[:axis], range(part, part + 1), *places[axis + 1 :])
+
+    def cells_of(self, places: tuple[range, ...]) -> int:
+        """How many cells the chunks at these places have, counted along each dimension."""
+        ends = [(p[0] * d.chunk, min((p[-1] + 1) * d.chunk, len(d))) for p, d in zip(places, self.dimensions, strict=True)]
+        return math.prod(last - first for first, last in ends)
+
+    def missing(self, done: Container[int]) -> Iterator[Chunk]:
+        """The chunks whose numbers are not in `done`, program by program. Holds none of them."""
+        for _, places in self.programs():
+            for place in itertools.product(*places):
+                index = int(np.ravel_multi_index(place, self.grid)) if place else 0
+                if index not in done:
+                    yield self.chunk(index)
+
+    def waves(self, chunks: Iterable[Chunk], width: int) -> Iterator[list[Chunk]]:
+        """The chunks, in program order, at most `width` at a time, and only such as share a program."""
         for _, group in itertools.groupby(chunks, self.program):
             while wave := list(itertools.islice(group, width)):
                 yield wave

@@ -6,14 +6,17 @@ import contextlib
 import itertools
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from brdfcheck.sweep.compute import Computer, Result
 from brdfcheck.sweep.config import Config, read_config
-from brdfcheck.sweep.plan import Plan
+from brdfcheck.sweep.plan import Chunk, Plan
 from brdfcheck.sweep.store import Store
 
 if TYPE_CHECKING:
@@ -81,7 +84,6 @@ def fill(
 
             cluster = stack.enter_context(Cluster(scheduler))
         store = stack.enter_context(Store(out, plan, repair=repair))
-        missing = [index for index in range(plan.chunks) if index not in store.done]
         found, cells_found = len(store.done), sum(plan.chunk(index).cells for index in store.done)
         cells = cells_found
 
@@ -90,8 +92,9 @@ def fill(
                 progress(Progress(cells, len(store.done), cells_found, found))
 
         say()
-        if missing:
+        if found < plan.chunks:
             results: Iterator[Result]
+            missing = plan.missing(frozenset(store.done))
             if cluster is None:
                 computer = Computer(plan)
                 results = itertools.chain.from_iterable(map(computer, plan.waves(missing, computer.width)))
@@ -103,7 +106,7 @@ def fill(
                 say()
         seconds = time.perf_counter() - began
         compiling = computer.compiling if computer is not None else 0.0
-        return Summary(len(missing), found, cells - cells_found, store.repaired, seconds, compiling)
+        return Summary(plan.chunks - found, found, cells - cells_found, store.repaired, seconds, compiling)
 
 
 def run_sweep(
@@ -141,22 +144,29 @@ def estimate(plan: Plan, out: str | os.PathLike[str] | None) -> Estimate:
         store.look()
         found = store.done
     computer = Computer(plan)
-    kinds: dict[tuple[Any, ...], list[int]] = {}
-    programs: dict[tuple[Any, ...], set[Any]] = {}
-    for index in range(plan.chunks):
-        if index in found:
-            continue
+    there: Counter[Any] = Counter()
+    for index in found:
         chunk = plan.chunk(index)
-        settings = plan.settings(plan.combination(chunk))
-        kind = tuple(settings[name] for name in ("brdf", "rule", "precision"))
-        kinds.setdefault(kind, []).append(index)
-        programs.setdefault(kind, set()).add(plan.program(chunk))
+        there[plan.program(chunk)] += chunk.cells
+    # By program, not chunk by chunk: a dry run is for sweeps that are too large.
+    kinds: dict[tuple[Any, ...], list[tuple[Chunk, int]]] = {}
+    for combination, places in plan.programs():
+        first = plan.chunk(int(np.ravel_multi_index([place[0] for place in places], plan.grid)) if places else 0)
+        cells = plan.cells_of(places) - there[plan.program(first)]
+        if cells:
+            settings = plan.settings(combination)
+            kind = tuple(settings[name] for name in ("brdf", "rule", "precision"))
+            kinds.setdefault(kind, []).append((first, cells))
     seconds = compiling = 0.0
-    for kind, indices in kinds.items():
-        chunk = plan.chunk(indices[len(indices) // 2])
-        compile_one, per_cell = computer.sample(chunk)
-        compiling += compile_one * len(programs[kind])
-        seconds += per_cell * sum(plan.chunk(index).cells for index in indices) / computer.lanes(chunk)
+    for programs in kinds.values():
+        middle = programs[len(programs) // 2][0]
+        compile_one, per_cell = computer.sample(middle)
+        if len(programs) > 1:  # the first of its kind is slower by what is traced and imported once
+            compiling += compile_one
+            compile_one, per_cell = computer.sample(programs[len(programs) // 2 - 1][0])
+            compiling -= compile_one
+        compiling += compile_one * len(programs)
+        seconds += per_cell * sum(cells for _, cells in programs) / computer.lanes(middle)
     return Estimate(
         seconds + compiling, compiling, plan.size(plan.chunk_cells) * computer.width, plan.size(plan.cells), len(found)
     )

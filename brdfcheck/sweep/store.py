@@ -1,8 +1,8 @@
 """The Zarr store of a sweep: a folder that grows chunk by chunk, and is whole at every moment.
 
 Every file is written under another name and renamed, so it is there as a whole or not at all. A chunk is albedo, error,
-evaluations and seconds, and last its entry in `checksum`, the CRC-32 of the files: it counts as computed only once that is
-in place. A killed process leaves at most files without a checksum, which are written again.
+evaluations and seconds, and last its entry in `checksum`, the CRC-32 of the results' files: it counts as computed only once
+that is in place. A killed process leaves at most files without a checksum, which are written again.
 
 The bytes follow from the configuration, versions and kind of device, but for two things: the files below ``seconds/c``, which
 are measurements, and the commit noted in the attributes, which is that of the first run.
@@ -142,15 +142,16 @@ class Store:
         """True for an empty folder, and for one whose creation was interrupted: zarr.json is its last file."""
         with _reading(self.folder):
             names = {entry.name for entry in self.folder.iterdir()}
-        if "zarr.json" in names:
-            return False
         known = {*_RESULTS, "seconds", "checksum"}
+        begun = any((self.folder / name / "c").exists() for name in known)
+        if "zarr.json" in names or (self.repair and begun):
+            return False
         ours = {key.split("/")[0] for key in self._files({})}
         if not all(name in ours or name.endswith(_PARTIAL) for name in names):
             if known <= names:
                 raise self._damaged("zarr.json", "is missing")
             raise UsageError(f"--out: {self.folder} is not empty and holds no sweep: give another folder")
-        if any((self.folder / name / "c").exists() for name in known):
+        if begun:
             raise self._damaged("zarr.json", "is missing")
         return True
 
@@ -254,6 +255,8 @@ class Store:
         if not self.folder.is_dir():
             raise UsageError(f"--out: {self.folder} is not a folder; a store is a folder")
         attributes = self._compared()
+        if attributes is None:
+            attributes = self._rebuilt()
         for key, data in self._files(self._attributes(attributes["source_commit"])).items():
             path = self.folder / key
             found = path.read_bytes() if path.is_file() else None
@@ -263,14 +266,44 @@ class Store:
                 raise self._damaged(key, "is missing" if found is None else "is damaged")
             self.repaired += 1
             _write(path, data)
-        for index in range(self.plan.chunks):
+        for index in self._marked():
             if self._verified(self.plan.chunk(index)):
                 self.done.add(index)
 
-    def _compared(self) -> dict[str, Any]:
-        """The attributes of the store. UsageError where they are not those of this plan in this process."""
+    def _marked(self) -> list[int]:
+        """The numbers of the chunks that have a checksum, by what is in its folder: few of many may be there."""
+        top, grid = self.folder / "checksum" / "c", self.plan.grid
+        found = []
+        for file in sorted(top.rglob("0")):
+            parts = file.relative_to(top).parts
+            if len(parts) != len(grid) + 1 or not all(part.isdecimal() for part in parts):
+                continue
+            place = tuple(map(int, parts[:-1]))
+            if all(i < count for i, count in zip(place, grid, strict=True)) and file.is_file():
+                found.append(int(np.ravel_multi_index(place, grid)) if place else 0)
+        return sorted(found)
+
+    def _rebuilt(self) -> dict[str, Any]:
+        """The attributes anew, where their file is lost and everything else that describes the store is that of this plan.
+
+        What the plan does not say is the commit. SweepError where something else is damaged too.
+        """
+        attributes = self._attributes("unknown")
+        for key, data in self._files(attributes).items():
+            path = self.folder / key
+            if key != "zarr.json" and (path.read_bytes() if path.is_file() else None) != data:
+                raise self._damaged("zarr.json", f"is lost, and {key} is not that of this configuration", mend=False)
+        return attributes
+
+    def _compared(self) -> dict[str, Any] | None:
+        """The attributes of the store, None where they are lost and may be written again.
+
+        UsageError where they are not those of this plan in this process.
+        """
         path = self.folder / "zarr.json"
         if not path.exists():
+            if self.repair:
+                return None
             raise self._damaged("zarr.json", "is missing")
         try:
             attributes = json.loads(path.read_text(encoding="utf-8")).get("attributes", {})
@@ -281,7 +314,9 @@ class Store:
             known["format"] = attributes[_MARK]
             assert isinstance(attributes["source_commit"], str)
         except (ValueError, KeyError, TypeError, AttributeError, AssertionError):
-            raise self._damaged("zarr.json", "is damaged", mend=False) from None
+            if self.repair:
+                return None
+            raise self._damaged("zarr.json", "is damaged") from None
         own = {"settings": self.plan.document(), **provenance.facts(), "format": FORMAT}
         own = json.loads(json.dumps(own))
         differences = _differences(known["settings"], own["settings"], "")
@@ -315,8 +350,8 @@ class Store:
                     trouble = self._key(name, chunk), "is damaged"
                 if trouble:
                     break
-            if trouble is None and not (self.folder / self._key("seconds", chunk)).is_file():
-                trouble = self._key("seconds", chunk), "is missing"
+            if trouble is None:
+                trouble = self._mistimed(chunk)
         if trouble is None:
             return True
         if not self.repair:
@@ -324,10 +359,20 @@ class Store:
         self.repaired += 1
         return False
 
+    def _mistimed(self, chunk: Chunk) -> tuple[str, str] | None:
+        """What is wrong with the time of a chunk. A checksum of it would make the checksums a measurement too."""
+        path = self.folder / self._key("seconds", chunk)
+        if not path.is_file():
+            return self._key("seconds", chunk), "is missing"
+        data = path.read_bytes()
+        if len(data) != 8 or not 0 <= np.frombuffer(data, "<f8")[0] < math.inf:
+            return self._key("seconds", chunk), "is damaged"
+        return None
+
     def _damaged(self, key: str, what: str, *, mend: bool = True) -> SweepError:
         advice = (
             "run again with --repair to write it again; everything else is kept"
-            if mend and key != "zarr.json"
+            if mend
             else "put it back from a copy, or give another folder; the chunks are untouched"
         )
         return SweepError(f"the store is damaged: {self.folder / key} {what}; {advice}")

@@ -60,7 +60,7 @@ class Source:
     """What a name stands for, before its parameters are known. `file`: where a user's BRDF is defined.
 
     `integers`: parameters that are part of the BRDF's structure, so that each value needs a program of its own;
-    `whole`: those that are so where they are given as whole numbers.
+    `whole`: those that are so where they are given as whole numbers; `numbers`: those that words cannot be.
     """
 
     name: str
@@ -68,6 +68,7 @@ class Source:
     kind: str  # "catalog", "class" or "user"
     integers: frozenset[str] = frozenset()
     whole: frozenset[str] = frozenset()
+    numbers: frozenset[str] = frozenset()
     file: Path | None = None
 
 
@@ -79,9 +80,11 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
     if name in catalog.names():
         family = catalog.entry(name).family
         fields = frozenset(_whole_fields(family))
-        return Source(name, family, "catalog", fields, fields)
+        return Source(name, family, "catalog", fields, fields, fields | frozenset(family.ranges))
     if name in CLASSES:
-        return Source(name, CLASSES[name], "class", *_whole_parameters(CLASSES[name]))
+        parameters = inspect.signature(CLASSES[name]).parameters.values()
+        numbers = frozenset(part.name for part in parameters if not isinstance(part.default, (str, bool)))
+        return Source(name, CLASSES[name], "class", *_whole_parameters(CLASSES[name]), numbers)
     if not user_brdf.is_file_spec(name):
         try:
             catalog.entry(name)
@@ -90,7 +93,7 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
     path, attribute = user_brdf.split_spec(name)
     absolute = str(places.get(path, folder / path))
     value, _ = user_brdf.load_object(absolute if attribute is None else f"{absolute}:{attribute}", modules)
-    return Source(name, value, "user", *_whole_parameters(value), Path(absolute).resolve())
+    return Source(name, value, "user", *_whole_parameters(value), file=Path(absolute).resolve())
 
 
 def _whole_fields(family: Any) -> list[str]:
