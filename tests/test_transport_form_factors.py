@@ -57,8 +57,8 @@ def test_parallel_rectangles_anywhere(starts, lengths, distance):
         np.array([0, 0, -1]),
     )  # fmt: skip
     expected = brute(first, second) / (lengths[0] * lengths[1])
-    assert abs(found.value - expected) < 1e-10 * expected + found.error
-    assert found.error < 1e-11
+    assert abs(found.value - expected) < 1e-12 * expected + found.error
+    assert found.error < 1e-10
 
 
 @given(st.lists(st.floats(1.5, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.2), min_size=4, max_size=4))
@@ -71,6 +71,59 @@ def test_perpendicular_rectangles_anywhere(starts, lengths):
     )  # fmt: skip
     expected = brute(first, second) / (lengths[0] * lengths[1])
     assert abs(found.value - expected) < 1e-9 * expected + found.error
+
+
+# Squares of the side 2^-k that begin at these places; parallel ones a distance apart. From mpmath: the alternating sums with
+# 80 digits. At the distance 1 the logarithm of the antiderivative is next to 0, its rounding is not; small rectangles far
+# apart lose all digits of the closed form.
+EXACT = [
+    ((0, 0, 0, 0), 3, 1.0, 0.0049224614929023035),
+    ((0, 0, 0, 0), 6, 1.0, 7.7699728682312501e-5),
+    ((0, 0, 0, 0), 10, 1.0, 3.0356377011106426e-7),
+    ((0, 0, 0, 0), 14, 1.0, 1.1857967279600334e-9),
+    ((0, 0, 0, 0), 14, 2.0, 2.9644918254218798e-10),
+    ((0, 0, 0, 0), 20, 1.0, 2.8950115500592589e-13),
+    ((1, 0, 1, 0), 3, None, 0.0010988836725523955),
+    ((1, 0, 1, 0), 6, None, 1.9127284098707975e-5),
+    ((0.5, 0, 0.75, 0), 10, None, 1.7220138188717942e-7),
+    ((1, 0, 1, 1), 14, None, 1.3175251171562679e-10),
+    ((0, 0, 1, 0.5), 17, None, 4.5234175846767928e-17),
+    ((0, 0, 0, 0), 2, None, 0.20004377607540315),
+]
+
+
+@pytest.mark.parametrize(("starts", "power", "distance", "exact"), EXACT)
+def test_small_and_far_rectangles_against_80_digits(starts, power, distance, exact):
+    sides = [(start, start + 2.0**-power) for start in starts]
+    if distance is None:
+        found = transport.perpendicular_rectangles(*sides)
+    else:
+        found = transport.parallel_rectangles(*sides, distance)
+    assert abs(found.value - exact) <= found.error + 2e-16 * exact
+    assert found.error <= 1e-8 * exact
+
+
+@pytest.mark.parametrize("rectangles", [transport.parallel_rectangles, transport.perpendicular_rectangles])
+def test_errors_hold_for_far_rectangles_of_any_size(rectangles):
+    generator = np.random.default_rng(3)
+    for _ in range(200):
+        lengths = 10 ** generator.uniform(-5, -1) * generator.uniform(0.3, 1, 4)
+        starts = generator.uniform(1, 2, 4)
+        x, y, third, fourth = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
+        parallel = rectangles is transport.parallel_rectangles
+        distance = generator.choice([1.0, 0.7, 3.0])
+        found = rectangles(x, y, third, fourth, *([distance] if parallel else []))
+        first = (np.array([x[0], y[0], 0]), np.array([x[1] - x[0], 0, 0]), np.array([0, y[1] - y[0], 0]), np.array([0, 0, 1]))
+        a, b = third[1] - third[0], fourth[1] - fourth[0]
+        second = (
+            (np.array([third[0], fourth[0], distance]), np.array([a, 0, 0]), np.array([0, b, 0]), np.array([0, 0, -1]))
+            if parallel
+            else (np.array([0, fourth[0], third[0]]), np.array([0, 0, a]), np.array([0, b, 0]), np.array([1, 0, 0]))
+        )
+        expected = brute(first, second, 6) / ((x[1] - x[0]) * (y[1] - y[0]))
+        # The points of the brute force are rounded where the rectangles are.
+        assert abs(found.value - expected) <= found.error + 1e-12 * expected
+        assert found.error <= 1e-7 * expected
 
 
 def test_disks_against_quadrature():

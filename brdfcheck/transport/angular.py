@@ -146,7 +146,8 @@ def angular_operator(brdf: Callable[..., Any], *, nodes: int = 192, azimuths: in
     turns = _azimuths(checked_steps(azimuths, "azimuths"))
     mu, weight, *turns = (jnp.asarray(part, dtype) for part in (cosines, weights, *turns))
     value, error = (jnp.asarray(part, dtype) for part in _albedo(brdf, mu))
-    return AngularOperator(mu, weight, *_subtracted(_kernel(brdf, mu, *turns) * mu * weight, value), error)
+    matrix, defect = _subtracted(_kernel(brdf, mu, *turns) * mu * weight, value)
+    return AngularOperator(mu, weight, matrix, defect, error)
 
 
 def _albedo(brdf: Any, mu: Array) -> tuple[Any, Any]:

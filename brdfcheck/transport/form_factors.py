@@ -1,8 +1,9 @@
 r"""Form factors in closed form: rectangles along the axes, coaxial disks, the inside of a sphere.
 
-$F_{jk}$ is the fraction of what leaves the diffuse surface j that reaches k. All of this runs in numpy's float64: the closed
-forms are differences of sixteen values of one antiderivative and lose as many digits as the patches are small, which the
-error of each result bounds.
+$F_{jk}$ is the fraction of what leaves the diffuse surface j that reaches k. All of this runs in numpy's float64. The
+closed forms of rectangles are differences of sixteen values of one antiderivative and lose as many digits as the patches are
+small, which the error of each result bounds; where that leaves less than eight digits and the rectangles are far apart by
+their sizes, Gauss nodes on both take over, which lose none.
 """
 
 from __future__ import annotations
@@ -15,6 +16,13 @@ import numpy as np
 from jaxtyping import Float
 
 _EPSILON = float(np.finfo(float).eps)
+# Rounding of one corner by the sum of its parts' sizes: two differences, a root, a quotient, an arc tangent, two products.
+_ROUNDING = 6
+# Nodes are tried where the closed form has fewer digits than this, at distances of so many longest sides: there the kernel
+# is a polynomial of low degree to all digits. Gauss nodes on each of the four sides, and those they are compared with.
+_ENOUGH, _FAR = 1e-8, 8.0
+_ORDERS = (5, 4)
+_CHUNK = 2048
 
 
 class FormFactor(NamedTuple):
@@ -35,14 +43,22 @@ def parallel_rectangles(x: Any, y: Any, other_x: Any, other_y: Any, distance: An
     x, y, other_x, other_y = _intervals(x=x, y=y, other_x=other_x, other_y=other_y)
     z = _positive(distance, "distance")
 
-    def antiderivative(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def antiderivative(u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
         s, t = np.hypot(u, z), np.hypot(v, z)
-        return (v * s * np.arctan(v / s) + u * t * np.arctan(u / t) - z * z * np.log(np.hypot(s, v))) / (2 * np.pi)
+        # z^2 ln z, the same in all corners, is left out: it cancels, and its rounding would not.
+        logarithm = 0.5 * z * z * np.log1p((u * u + v * v) / (z * z))
+        return [v * s * np.arctan(v / s) / (2 * np.pi), u * t * np.arctan(u / t) / (2 * np.pi), -logarithm / (2 * np.pi)]
 
-    def term(i: int, j: int, k: int, m: int) -> np.ndarray:
-        return antiderivative(x[..., i] - other_x[..., k], y[..., j] - other_y[..., m])
+    def term(i: int, j: int, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+        parts = antiderivative(x[..., i] - other_x[..., k], y[..., j] - other_y[..., m])
+        return sum(parts), sum(map(np.abs, parts))
 
-    return _alternating(term, (x[..., 1] - x[..., 0]) * (y[..., 1] - y[..., 0]))
+    def kernel(x: np.ndarray, y: np.ndarray, other_x: np.ndarray, other_y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        # r^2 by z: a distance of any unit keeps the fourth power in range.
+        return 1 / (np.pi * (z + ((x - other_x) ** 2 + (y - other_y) ** 2) / z) ** 2)
+
+    gap = np.hypot(np.hypot(_apart(x, other_x), _apart(y, other_y)), z)
+    return _best(term, kernel, (x, y, other_x, other_y), gap, (z,))
 
 
 def perpendicular_rectangles(x: Any, y: Any, z: Any, other_y: Any) -> FormFactor:
@@ -58,17 +74,23 @@ def perpendicular_rectangles(x: Any, y: Any, z: Any, other_y: Any) -> FormFactor
         if np.any(ends < 0):
             raise ValueError(f"{name} is a distance from the line where the planes meet, >= 0; got {np.min(ends):g}")
 
-    def antiderivative(x: np.ndarray, z: np.ndarray, v: np.ndarray) -> np.ndarray:
-        square, s = x * x + z * z, np.hypot(x, z)
+    def term(i: int, j: int, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+        edge, height, v = x[..., i], z[..., k], y[..., j] - other_y[..., m]
+        square, s = edge * edge + height * height, np.hypot(edge, height)
         total = square + v * v
         logarithm = np.log(np.where(total > 0, total, 1))
-        return -(0.5 * (v * v - square) * logarithm + 2 * s * v * np.arctan2(v, s)) / (4 * np.pi)
-
-    def term(i: int, j: int, k: int, m: int) -> np.ndarray:
+        # The rounding of the logarithm's argument does not go away where the logarithm does.
+        first, second = 0.5 * (v * v - square), 2 * s * v * np.arctan2(v, s)
+        size = 0.5 * (v * v + square) * (np.abs(logarithm) + 1) + np.abs(second)
         # Two integrals over x and z, two over v = y - y', where the second one counts backwards.
-        return -antiderivative(x[..., i], z[..., k], y[..., j] - other_y[..., m])
+        return (first * logarithm + second) / (4 * np.pi), size / (4 * np.pi)
 
-    return _alternating(term, (x[..., 1] - x[..., 0]) * (y[..., 1] - y[..., 0]))
+    def kernel(x: np.ndarray, y: np.ndarray, z: np.ndarray, other_y: np.ndarray) -> np.ndarray:
+        square = x * x + z * z + (y - other_y) ** 2
+        return x / square * (z / square) / np.pi
+
+    gap = np.hypot(np.hypot(x[..., 0], z[..., 0]), _apart(y, other_y))
+    return _best(term, kernel, (x, y, z, other_y), gap)
 
 
 def coaxial_disks(radius: Any, other_radius: Any, distance: Any) -> FormFactor:
@@ -96,13 +118,60 @@ def inside_sphere(area: Any, radius: Any) -> FormFactor:
     return FormFactor(value, 4 * _EPSILON * value)
 
 
-def _alternating(term: Callable[..., np.ndarray], area: np.ndarray) -> FormFactor:
-    """The sum of the sixteen corners with alternating signs, by the area; the error is the rounding of the largest one."""
+def _best(
+    term: Callable[..., tuple[np.ndarray, np.ndarray]],
+    kernel: Callable[..., np.ndarray],
+    sides: tuple[np.ndarray, ...],
+    gap: np.ndarray,
+    others: tuple[np.ndarray, ...] = (),
+) -> FormFactor:
+    """The closed form, or nodes where it has lost its digits and the rectangles are far apart; the smaller error decides.
+
+    `term`: value and size of a corner; `kernel`: at points of the four sides, and the `others`. The first two sides are those
+    of the rectangle that sends.
+    """
+    lengths = [side[..., 1] - side[..., 0] for side in sides]
+    area = lengths[0] * lengths[1]
     total, size = np.asarray(0.0), np.asarray(0.0)
     for corner in itertools.product(range(2), repeat=4):
-        value = term(*corner)
-        total, size = total + (-1) ** sum(corner) * value, np.maximum(size, np.abs(value))
-    return FormFactor(total / area, 16 * _EPSILON * size / area)
+        value, parts = term(*corner)
+        total, size = total + (-1) ** sum(corner) * value, size + parts
+    total, error = np.broadcast_arrays(total / area, _ROUNDING * _EPSILON * size / area)
+    longest = np.max(np.broadcast_arrays(*lengths), axis=0)
+    lost = np.broadcast_to((error > _ENOUGH * np.abs(total)) & (gap > _FAR * longest), total.shape)
+    if not np.any(lost):
+        return FormFactor(total, error)
+    total, error = total.copy(), error.copy()
+    chosen = [np.broadcast_to(part, (*total.shape, 2))[lost] for part in sides]
+    value, doubt = _by_nodes(kernel, chosen, [np.broadcast_to(part, total.shape)[lost] for part in others])
+    better = doubt < error[lost]
+    total[lost], error[lost] = np.where(better, value, total[lost]), np.where(better, doubt, error[lost])
+    return FormFactor(total, error)
+
+
+def _by_nodes(kernel: Callable[..., np.ndarray], sides: list[np.ndarray], others: list[np.ndarray]) -> FormFactor:
+    """The mean of the kernel over the first two sides, its integral over the others; sides (pairs, 2), others (pairs,)."""
+    found = []
+    for order in _ORDERS:
+        nodes, weights = np.polynomial.legendre.leggauss(order)
+        places = np.meshgrid(*[(1 + nodes) / 2] * 4, indexing="ij")
+        weight = np.prod(np.meshgrid(*[weights / 2] * 4, indexing="ij"), axis=0).ravel()
+        rows = []
+        for start in range(0, len(sides[0]), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            points = [
+                side[part, :1] + (side[part, 1:] - side[part, :1]) * place.ravel()
+                for side, place in zip(sides, places, strict=True)
+            ]
+            rows.append(kernel(*points, *(other[part, None] for other in others)) @ weight)
+        found.append(np.concatenate(rows) * np.prod([side[:, 1] - side[:, 0] for side in sides[2:]], axis=0))
+    fine, coarse = found
+    return FormFactor(fine, np.abs(fine - coarse) + 32 * _EPSILON * fine)
+
+
+def _apart(interval: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The distance between two intervals on a line; 0 where they meet."""
+    return np.maximum(np.maximum(interval[..., 0] - other[..., 1], other[..., 0] - interval[..., 1]), 0)
 
 
 def _intervals(**ends: Any) -> Iterator[Float[np.ndarray, "... 2"]]:
