@@ -149,6 +149,13 @@ def test_4_and_one_line_for_what_cannot_be_done(run: Run, here: Path, words: tup
 # --- scenes ---
 
 
+def test_the_scene_in_the_help_is_one(run: Run) -> None:
+    text = run("render", "--help")[1]
+    scene = config.parse_scene(tomllib.loads(text[text.index("scene.toml:\n") + 12 : text.index("Only material")]))
+    assert (scene.size, scene.options, len(scene.lights)) == ((512, 512), {"shading": "phong"}, 1)
+    assert np.ptp(scene.render((16, 16))) > 0.1
+
+
 def test_a_scene_is_what_its_numbers_say(run: Run, here: Path) -> None:
     (here / "scene.toml").write_text(SCENE)
     code, out, _ = run("render", "scene.toml", "-o", "scene.exr", "--quality", "draft")

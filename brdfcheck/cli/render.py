@@ -27,23 +27,28 @@ Examples:
 
 \b
 scene.toml:
-  size = [512, 512]                 # height, width
-  background = 0.1
-  [geometry]
-  kind = "icosphere"                # or sphere, latitude-longitude, zigzag, corrugated
+  size = [512, 512]                 # height, width; one number is a square
+  background = 0.1                  # a number or RGB, linear
+  [geometry]                        # sphere (center, radius) or a mesh: icosphere (level),
+  kind = "icosphere"                # latitude-longitude (rows, columns), zigzag, corrugated
   level = 3
-  shading = "phong"                 # or flat, gouraud
+  shading = "phong"                 # of a mesh: flat, gouraud, phong; weighting, interpolation
   [camera]
-  kind = "perspective"              # or orthographic
+  kind = "perspective"              # or orthographic (half_height)
   eye = [0, 1, 5]
+  field_of_view = 25
   [material]
   kind = "surface"                  # or highlight, translucent, metal
   terms = [{ brdf = "lambert", tint = [0.6, 0.2, 0.1] }, { brdf = "phong", tint = 0.2, n = 50 }]
   [[lights]]                        # ambient, environment, distant, point, spot, polygon
-  kind = "distant"
-  direction = [1, 1, 1]
-  intensity = 3
+  kind = "point"
+  position = [2, 2, 3]
+  intensity = 30
+  quadratic_attenuation = 1
 
+\b
+Only material and lights are needed. The keys are the parameters of the classes in brdfcheck.scene.
+A colour may be a spectrum: { wavelengths = [400, 700], reflectance = [0.2, 0.8] } in nm.
 A BRDF that is not validated is refused, unless the scene says allow_unvalidated = true.""",
 )
 def _render(

@@ -1,28 +1,4 @@
-"""Scenes in TOML: one object with its material, under lights, before a camera.
-
-    size = [512, 512]                # height and width; one number is a square
-    background = 0.1                 # a number or RGB, linear; optional, like all below but material and lights
-    allow_unvalidated = false        # true: also BRDFs that do not conserve energy
-
-    [geometry]                       # sphere (center, radius), or a mesh: icosphere (level),
-    kind = "icosphere"               # latitude-longitude (rows, columns), zigzag, corrugated
-    level = 3
-    shading = "phong"                # of meshes: flat, gouraud, phong; weighting, interpolation
-
-    [camera]
-    kind = "perspective"             # or orthographic (half_height)
-    eye = [0, 1, 5]
-    field_of_view = 25
-
-    [material]                       # surface (terms), highlight, translucent, metal
-    kind = "surface"
-    terms = [{ brdf = "lambert", tint = [0.6, 0.2, 0.1] }, { brdf = "blinn-phong", tint = 0.2, n = 50 }]
-
-    [[lights]]                       # ambient, environment, distant, point, spot, polygon
-    kind = "point"
-    position = [2, 2, 3]
-    intensity = 30
-    quadratic_attenuation = 1
+"""Scenes in TOML: one object with its material, under lights, before a camera. `brdfcheck render --help` shows one.
 
 The keys are the parameters of the classes in `brdfcheck.scene`. A colour may be a spectrum: { wavelengths = [400, 700],
 reflectance = [0.2, 0.8] } in nm. Of a saturated one, what RGB lights and screens cannot show is cut off: components below 0
@@ -237,12 +213,8 @@ def _try(place: str, make: Callable[..., Any], *arguments: Any, **options: Any) 
     """``make(*arguments, **options)``; what it refuses names the place."""
     try:
         return make(*arguments, **options)
-    except UsageError as error:
-        raise UsageError(f"{place}: {error}") from None
-    except KeyError as error:
+    except (UsageError, KeyError, ValueError, TypeError, ImportError, OverflowError) as error:
         raise UsageError(f"{place}: {one_line(error.args[0])}") from None
-    except (ValueError, TypeError, ImportError, OverflowError) as error:
-        raise UsageError(f"{place}: {one_line(error)}") from None
 
 
 def _table(document: Mapping[str, Any], key: str, label: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
