@@ -13,11 +13,6 @@ FRESNELS = {"exact": exact_of_f0, "schlick": schlick}
 """By name: functions of (cosine, reflectance at normal incidence), each in [0, 1]."""
 
 
-def normal_reflectance(eta: Float[Array, "..."]) -> Float[Array, "..."]:
-    r"""$F_0 = ((\eta - 1)/(\eta + 1))^2$ for the relative index `eta`, far side over near side."""
-    return ((eta - 1) / (eta + 1)) ** 2
-
-
 def exact(cosine: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "..."]:
     r"""Unpolarised reflectance of a dielectric boundary, at the cosine on the near side; 1 past total internal reflection.
 

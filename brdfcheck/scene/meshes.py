@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from brdfcheck.scene.values import checked, scalar
+from brdfcheck.scene.values import checked, scalar, unit
 
 Weighting = Literal["unit", "area"]
 
@@ -62,8 +62,7 @@ def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
 
 
 def _normalised(vectors: Array) -> Array:
-    square = jnp.sum(vectors * vectors, axis=-1, keepdims=True)
-    return jnp.where(square > 0, vectors / jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+    return jnp.stack(unit(vectors.T), axis=-1)
 
 
 def face_vectors(mesh: Mesh) -> Float[Array, "faces 3"]:
