@@ -9,9 +9,9 @@ Mirror-like metal close up needs its facets (a power errs by 11 steps of 8 bits)
 sphere keeps the power: no stand-in saves time in float32. A window in a room needs 16 bounces (8 err by 1.5); to solve for all
 takes longer than the picture. An icon of 5,120 facets needs 1,280 (6.6). float32 is enough in all six, float16 in none.
 
-Each rung of each knob is rendered and timed by itself against the full model; the cheapest combination within the tolerance is
-rendered again beside the full model, which is in float64 with all that the scene has. Half a step of the output is allowed,
-where nothing else is said. An error is the largest of all pixels, after the transfer curve; a cost a share of the full model's.
+Each rung of each knob is rendered by itself against the full model, which is in float64 with all that the scene has; of all
+combinations within the tolerance the one with the fewest operations is rendered again and timed beside the full model. Half a
+step of the output is allowed, where nothing else is said. An error is the largest of all pixels, after the transfer curve.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SCENES: dict[str, dict[str, Any]] = {
         "material": {"kind": "translucent", "base": [0.3, 0.6, 0.9], "behind": 0.1}, "matters": {"pixel": "3/255"},
     },
     "lit by a window, in a room": {
-        "size": 160, "material": MATT, "lights": [WINDOW], 
+        "size": 160, "material": MATT, "lights": [WINDOW],
         "room": {"reflectance": 0.7, "emission": 0.6, "cells": 12},
     },
     "an icon of 32 pixels, of facets, 8 steps": {
@@ -117,8 +117,8 @@ def summary(record: dict[str, Any]) -> str:
         lines = "\n".join(f"- {line}" for line in sentences(result))
         parts.append(f"## {result['name'][:1].upper()}{result['name'][1:]}\n\n{table(*cells(result))}\n\n{lines}")
     return (
-        "Costs are shares of the full model's time, measured with one knob turned; the last column is what the next dearer rung"
-        " with a smaller error would buy. The difference is white below 10⁻⁸ of full scale, then purple to yellow at 1.\n\n"
+        "Work is a share of the full model's operations, counted with one knob turned; the last column is what the next dearer"
+        " rung that errs less would buy. The difference is white below 10⁻⁸ of full scale, then purple to yellow at 1.\n\n"
         + "\n\n".join(parts)
     )
 

@@ -40,38 +40,18 @@ class Fault(NamedTuple):
 REFUSED = Fault(np.inf, np.inf)
 
 
-def pooled(costs: Sequence[float], noise: float) -> list[float]:
-    """Costs of the rungs of one ladder; those that differ by less than the noise share their mean.
-
-    From the cheapest on, a cost within ``1 + noise`` of the least of its group joins it. ValueError for a negative noise.
-    """
-    if not noise >= 0:
-        raise ValueError(f"noise must be >= 0; got {noise}")
-    result = list(costs)
-    group: list[int] = []
-    for i in sorted(range(len(costs)), key=lambda i: costs[i]):
-        if group and costs[i] > costs[group[0]] * (1 + noise):
-            group = []
-        group.append(i)
-        mean = sum(costs[j] for j in group) / len(group)
-        for j in group:
-            result[j] = mean
-    return result
-
-
 @dataclass
 class Search:
     """Combinations of rungs, one of each ladder, in their order of cost.
 
-    `own`: for each ladder the errors of its rungs alone. `cost` and `work`: of a combination, fixed numbers; of equal costs the
-    smaller sum of the rungs' errors comes first (nothing is given away for time that cannot be measured), then the fewer
-    operations. `picture`: the error of a combination's picture, called once for each that is needed. `allowed`: whether a
-    combination may be chosen at all, called once for each that is good enough. `errors`: those that are known.
+    `own`: for each ladder the errors of its rungs alone. `cost`: of a combination, a fixed number; of equal costs the smaller
+    sum of the rungs' errors comes first. `picture`: the error of a combination's picture, called once for each that is needed.
+    `allowed`: whether a combination may be chosen at all, called once for each that is good enough; by default any may.
+    `errors`: those that are known.
     """
 
     own: Sequence[Sequence[Fault]]
     cost: Callable[[Combination], float]
-    work: Callable[[Combination], float]
     picture: Callable[[Combination], Fault]
     allowed: Callable[[Combination], bool] = field(default=lambda _: True)
     errors: dict[Combination, Fault] = field(default_factory=dict)
@@ -80,10 +60,9 @@ class Search:
     def __post_init__(self) -> None:
         self.order = sorted(itertools.product(*(range(len(ladder)) for ladder in self.own)), key=self._key)
 
-    def _key(self, combination: Combination) -> tuple[float, float, float, Combination]:
-        # Products that differ by rounding are equal.
-        cost = float(f"{self.cost(combination):.9e}")
-        return cost, self.predicted(combination).pixel, self.work(combination), combination
+    def _key(self, combination: Combination) -> tuple[float, float, Combination]:
+        # Sums that differ by rounding are equal.
+        return float(f"{self.cost(combination):.9e}"), self.predicted(combination).pixel, combination
 
     def least(self, combination: Combination) -> Fault:
         """The worst of its rungs alone: its error is at least that."""

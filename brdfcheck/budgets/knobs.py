@@ -2,7 +2,8 @@
 
 A scene offers only the knobs that it has. The full model is the scene as it is written, in float64, all light bounces summed,
 the albedo under a surrounding integrated in every pixel. A stand-in for the cosine power comes with a factor; whether the BRDF
-that they make conserves energy is checked as always, by `brdfcheck.scene.materials.Surface`.
+that they make conserves energy is checked as always, by `brdfcheck.scene.materials.Surface`. `Highlight` and `Translucent` are
+colours in [0, 1] and no BRDFs, for which the law says nothing: a stand-in there is judged by its error alone.
 """
 
 from __future__ import annotations

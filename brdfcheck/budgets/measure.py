@@ -1,8 +1,9 @@
 """What each rung errs and costs in a scene, and the budget for a tolerance, verified by rendering it.
 
-The reference is the full model: every knob at its dearest rung. A rung is measured by itself, all other knobs at their dearest.
-Costs of combinations are products of the rungs' measured costs; what is about to be chosen is timed itself, and is not chosen
-where it is no faster than the full model.
+The reference is the full model: every knob at its dearest rung. Errors are those of pictures. Costs are the work of programs
+(`brdfcheck.budgets.work`), as shares of the full model's: the same in every process, so that the choice is, and stays monotone
+in the tolerance. Time is measured of the choice alone, beside the full model: it says what is really saved, and a combination
+that takes longer against the model's word is not chosen.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from brdfcheck.budgets import scenes
-from brdfcheck.budgets.choice import REFUSED, Combination, Fault, Search, pooled
+from brdfcheck.budgets.choice import REFUSED, Combination, Fault, Search
 from brdfcheck.budgets.knobs import Knob, knobs_of, plan_of, refusal_of
-from brdfcheck.budgets.programs import Compiler, Image, Program, timed
+from brdfcheck.budgets.programs import Beside, Compiler, Image, Program, beside
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
@@ -28,8 +29,15 @@ from brdfcheck.scene.materials import NotConserving
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.
 _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
-# Seconds that a combination is timed for beside the full model.
-_TIMED = 0.5
+# A combination is refused where three of four rounds took so much longer than the full model's. A busy machine does not do that
+# to two programs in turns, only a model of work that is wrong for this machine.
+_SLOWER = 1.25
+# The knobs that each part of the work depends on.
+_DEPENDS = {
+    "seeing": ("facets", "shading", "precision"),
+    "shading": ("lobe", "fresnel", "metal", "light", "quadrature", "precision"),
+    "room": ("bounces", "precision"),
+}  # fmt: skip
 # Scenes whose measurements are kept.
 _KEPT = 8
 _kept: list[tuple[Any, Measured]] = []
@@ -41,13 +49,11 @@ class BudgetError(ValueError):
 
 @dataclass(frozen=True)
 class Rung:
-    """One rung by itself: its error, its cost over the dearest, median seconds. `refused`: why it is never chosen."""
+    """One rung by itself: its error, its work over the full model's. `refused`: why it is never chosen."""
 
     name: str
     fault: Fault
     cost: float = 1.0
-    seconds: float = 0.0
-    work: float = 0.0
     refused: str = ""
 
 
@@ -66,8 +72,9 @@ class Budget:
 
     `predicted`: the sum of the errors of its rungs; `error`: that of its picture, or of its worst rung alone if that is larger;
     `verified`: of the picture, rendered once more. Errors of pixels are in units of full scale, after the transfer curve, those
-    of energy relative. `seconds` beside `full_seconds`, of the full model: medians of one run. `points`: (cost, error,
-    "frontier" or "other") of the combinations that were rendered; `cost`: the chosen one's place among them.
+    of energy relative. `cost`: its work over the full model's. `full_seconds`: of the full model, the median of one run in
+    which both were rendered in turns; `ratios`: quartiles of the time over the full model's in the same round. `points`: (cost,
+    error, "frontier" or "other") of the combinations that were rendered.
     """
 
     scene: Scene
@@ -77,9 +84,8 @@ class Budget:
     error: Fault
     verified: Fault
     cost: float
-    seconds: float
     full_seconds: float
-    noise: float
+    ratios: tuple[float, float, float]
     combinations: int
     points: tuple[tuple[float, float, str], ...]
     ladders: Mapping[str, tuple[Rung, ...]]
@@ -92,9 +98,14 @@ class Budget:
         return {row.knob.name: row.chosen.name for row in self.rows}
 
     @property
+    def seconds(self) -> float:
+        """Of the budgeted picture: the full model's by the median of their ratio."""
+        return self.full_seconds * self.ratios[1]
+
+    @property
     def saving(self) -> float:
-        """How many times faster than the full model the budgeted picture is."""
-        return self.full_seconds / self.seconds
+        """How many times faster than the full model the budgeted picture was, by the median of the rounds."""
+        return 1 / self.ratios[1]
 
 
 @dataclass
@@ -105,7 +116,6 @@ class Measured:
     knobs: tuple[Knob, ...]
     ladders: dict[str, tuple[Rung, ...]]
     search: Search
-    noise: float
     view: _View
 
     def choose(self, tolerance: Any = None) -> Budget:
@@ -125,7 +135,7 @@ class Measured:
     def _budget(self, combination: Combination, limit: Fault) -> Budget:
         view, search = self.view, self.search
         program = view.program(combination)
-        seconds, full_seconds = view.seconds(program)
+        time = view.time(program)
         image = program.image()
         verified = view.fault(program, image)
         if not verified.within(limit):
@@ -149,7 +159,7 @@ class Measured:
         )
         return Budget(
             self.scene, limit, tuple(rows), search.predicted(combination), search.error(combination), verified,
-            search.cost(combination), seconds, full_seconds, self.noise, len(search.order), tuple(points),
+            search.cost(combination), time.seconds, time.quartiles, len(search.order), tuple(points),
             self.ladders, view.reference, image,
         )  # fmt: skip
 
@@ -164,7 +174,8 @@ class _View:
     full: Program
     reference: Image
     covered: Bool[np.ndarray, "height width"]
-    times: dict[Any, tuple[float, float]] = field(default_factory=dict)
+    times: dict[Any, Beside] = field(default_factory=dict)
+    works: dict[Any, Any] = field(default_factory=dict)
 
     def choice(self, combination: Combination) -> dict[str, str]:
         return {knob.name: knob.rungs[i] for knob, i in zip(self.knobs, combination, strict=True)}
@@ -178,22 +189,35 @@ class _View:
         except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
             return REFUSED
 
-    def seconds(self, program: Program) -> tuple[float, float]:
-        """Of a program and of the full model, by medians of one run: of the latter's time and of their ratio. Measured once."""
+    def work(self, combination: Combination) -> float:
+        """The work of its program; inf where rungs that go by themselves do not go together."""
+        choice, dearest = self.choice(combination), {knob.name: knob.rungs[-1] for knob in self.knobs}
+
+        def part(name: str) -> Any:
+            turned = {knob: choice[knob] for knob in _DEPENDS[name] if knob in choice}
+            key = (name, *turned.items())
+            if key not in self.works:
+                try:
+                    self.works[key] = getattr(self.compiler, name)(plan_of(self.scene, {**dearest, **turned}))
+                except (ValueError, NotImplementedError):
+                    self.works[key] = (np.inf, 0) if name == "seeing" else np.inf
+            return self.works[key]
+
+        seen, points = part("seeing")
+        return float(seen + points * part("shading") + part("room"))
+
+    def time(self, program: Program) -> Beside:
+        """Beside the full model. Measured once, so that what is said of a combination does not change."""
         if program.key not in self.times:
-            found = timed([self.full, program], 0, _TIMED)
-            self.times[program.key] = found.costs[-1] * found.seconds[0], found.seconds[0]
+            self.times[program.key] = beside(program, self.full)
         return self.times[program.key]
 
     def allowed(self, combination: Combination) -> bool:
-        """Whether it conserves energy, and takes less time than the full model where it is another program."""
+        """Whether it conserves energy, and does not clearly take longer than the full model where it is another program."""
         if refusal_of(self.scene, self.choice(combination)):
             return False
         program = self.program(combination)
-        if program.key == self.full.key:
-            return True
-        seconds, full_seconds = self.seconds(program)
-        return seconds < full_seconds
+        return program.key == self.full.key or self.time(program).quartiles[0] < _SLOWER
 
     def fault(self, program: Program, image: Image | None = None) -> Fault:
         """The largest error of a pixel after the transfer curve, and the relative error of the sum in linear light."""
@@ -216,9 +240,9 @@ class _View:
 
 
 def measure(scene: Any) -> Measured:
-    """Render and time each rung of a scene's knobs. `scene`: a path, a document of its keys, or a `scenes.Scene`.
+    """Render each rung of a scene's knobs and count its work. `scene`: a path, a document of its keys, or a `scenes.Scene`.
 
-    A scene is measured once in a process, so that its budgets for several tolerances go by the same costs.
+    A scene is measured once in a process, so that its budgets for several tolerances share pictures.
 
     Raises UsageError for a scene that is wrong, ValueError where its lights, materials and camera do not go together.
     """
@@ -243,14 +267,13 @@ def measure(scene: Any) -> Measured:
 def _measure(scene: Scene) -> Measured:
     scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
     knobs, compiler = knobs_of(scene), Compiler(scene)
-    ladder_of = {knob.name: knob for knob in knobs}
     dearest = {knob.name: knob.rungs[-1] for knob in knobs}
     base = compiler.program(plan_of(scene, dearest))
     reference = base.image()
     if not np.all(np.isfinite(reference)):
         raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")
     view = _View(scene, knobs, compiler, base, reference, base.covered())
-    found: dict[tuple[str, int], tuple[Program, Fault]] = {}
+    found: dict[tuple[str, int], Fault] = {}
     refused: dict[tuple[str, int], str] = {}
     for knob in knobs:
         for i, name in enumerate(knob.rungs):
@@ -263,48 +286,29 @@ def _measure(scene: Scene) -> Measured:
                 refused[knob.name, i] = "does not run here"
                 continue
             fault = view.fault(program)
-            found[knob.name, i] = program, fault
+            found[knob.name, i] = fault
             if fault == REFUSED:
                 refused[knob.name, i] = "the picture is not finite"
-    # Of lobes in either precision: a stand-in for the power saves more of the time in float64, where a logarithm takes longer.
-    keys, plans = list(found), {}
-    for knob, i in keys:
-        plans[knob, i] = [
-            compiler.program(
-                plan_of(scene, {**dearest, knob: ladder_of[knob].rungs[i], **({"precision": kind} if kind else {})})
-            )
-            for kind in (("", "float32") if knob == "lobe" else ("",))
-        ]
-    programs = [base, *(program for key in keys for program in plans[key])]
-    times = timed(programs, 0)
-    taken = dict(zip([(*key, which) for key in keys for which in range(len(plans[key]))], range(1, len(programs)), strict=True))
-    ladders: dict[str, tuple[Rung, ...]] = {}
-    shares: dict[str, list[list[float]]] = {}
-    for knob in knobs:
-        here = [i for i in range(len(knob.rungs)) if (knob.name, i) in found]
-        shares[knob.name] = []
-        for which in range(2 if knob.name == "lobe" else 1):
-            level = pooled([times.costs[taken[knob.name, i, which]] for i in here], times.noise)
-            # The dearest is 1, whatever it is pooled with.
-            among = {i: cost / level[-1] for i, cost in zip(here, level, strict=True)}
-            shares[knob.name].append([among.get(i, 1.0) for i in range(len(knob.rungs))])
-        ladders[knob.name] = tuple(
+    last = tuple(len(knob.rungs) - 1 for knob in knobs)
+    whole = view.work(last)
+
+    def cost(combination: Combination) -> float:
+        if any((knob.name, i) in refused for knob, i in zip(knobs, combination, strict=True)):
+            return float("inf")
+        return view.work(combination) / whole
+
+    ladders = {
+        knob.name: tuple(
             Rung(
                 name,
-                REFUSED if (knob.name, i) in refused else found[knob.name, i][1],
-                shares[knob.name][0][i],
-                times.seconds[taken[knob.name, i, 0]] if i in here else 0.0,
-                found[knob.name, i][0].work - base.work if i in here else 0.0,
+                REFUSED if (knob.name, i) in refused else found[knob.name, i],
+                1.0 if (knob.name, i) in refused else cost((*last[:place], i, *last[place + 1 :])),
                 refused.get((knob.name, i), ""),
             )
             for i, name in enumerate(knob.rungs)
         )
-
-    def cost(combination: Combination) -> float:
-        column = 0 if view.choice(combination)["precision"] == "float64" else -1
-        return float(np.prod([shares[knob.name][column][i] for knob, i in zip(knobs, combination, strict=True)]))
-
-    last = tuple(len(knob.rungs) - 1 for knob in knobs)
+        for place, knob in enumerate(knobs)
+    }
     known = {
         (*last[:place], i, *last[place + 1 :]): rung.fault
         for place, knob in enumerate(knobs)
@@ -313,12 +317,11 @@ def _measure(scene: Scene) -> Measured:
     search = Search(
         own=[[rung.fault for rung in ladders[knob.name]] for knob in knobs],
         cost=cost,
-        work=lambda combination: sum(ladders[k.name][i].work for k, i in zip(knobs, combination, strict=True)),
         picture=view.picture,
         allowed=view.allowed,
         errors=known,
     )
-    return Measured(scene, knobs, ladders, search, times.noise, view)
+    return Measured(scene, knobs, ladders, search, view)
 
 
 def budget(scene: Any, tolerance: Any = None) -> Budget:

@@ -1,14 +1,10 @@
-"""Compiled programs of plans: the picture, the operations it takes, and the time.
-
-All programs of one scene are timed in one run, one after the other in each round, so that what else the machine does falls upon
-all of them alike; a cost is the median over the rounds of a time over that of the dearest program in the same round.
-"""
+"""Compiled programs of plans: the picture, the work it takes, and its time beside another's."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import equinox as eqx
@@ -19,42 +15,39 @@ from jaxtyping import Array, Bool, Float
 
 from brdfcheck.brdf import AbstractZonalLobe
 from brdfcheck.budgets.knobs import Plan, plain
-from brdfcheck.budgets.scenes import Room, Scene
+from brdfcheck.budgets.room import at_middle, irradiance, room_numbers
+from brdfcheck.budgets.scenes import Scene
+from brdfcheck.budgets.work import traced
 from brdfcheck.factors import peel
 from brdfcheck.lobes import Lambert
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
-from brdfcheck.scene.lights import Ambient, Environment
+from brdfcheck.scene.lights import Environment
 from brdfcheck.scene.materials import Surface
-from brdfcheck.scene.meshes import icosphere
+from brdfcheck.scene.meshes import Mesh, icosphere
 from brdfcheck.scene.shading import shade
 from brdfcheck.scene.smooth import shade_mesh
 from brdfcheck.scene.sphere import seen_sphere
-from brdfcheck.scene.values import dot, spread
-from brdfcheck.transport import box
+from brdfcheck.scene.values import Vector, dot, spread
 
 Image = Float[np.ndarray, "3 height width"]
+# Of points, normals and views in three fields each, or arrays of the shape (3, ...).
+Shader = Callable[[Any, Any, Any], Array]
 
-_CEILING = 5
-# A transcendental function is worth about so many additions, a window of the rasteriser as many.
-_TRANSCENDENTAL, _WINDOW = 8, 16 * 16 * 20
 # Pixels whose albedo is integrated at once.
 _BLOCK = 2**14
-# Seconds that all programs are timed for, about, and the fewest and most rounds.
-_LONGEST, _FEWEST, _MOST = 2.0, 5, 101
-_LEAST_NOISE = 0.15
+# Seconds for which a program is timed beside another, about, and the fewest and most rounds.
+_LONGEST, _FEWEST, _MOST = 1.0, 9, 101
+# Side of the windows in which the rasteriser walks over the box around a face.
+_WINDOW = 16
 
 
 @dataclass
 class Program:
-    """A compiled plan with its numbers. `work`: operations, counted in the program before it is optimised, times bytes.
-
-    Programs of one `key` take the same time.
-    """
+    """A compiled plan with its numbers. Programs of one `key` take the same time."""
 
     compiled: Any
     numbers: Any
-    work: float
     key: Any
 
     def image(self) -> Image:
@@ -75,34 +68,105 @@ class Program:
 
 @dataclass
 class Compiler:
-    """Programs of the plans of one scene. What differs in numbers only is compiled once."""
+    """Programs of the plans of one scene, and their work. What differs in numbers only is compiled and traced once."""
 
     scene: Scene
-    _known: dict[Any, tuple[Any, float]] = field(default_factory=dict)
+    _known: dict[Any, Any] = field(default_factory=dict)
 
     def program(self, plan: Plan) -> Program:
         """The plan, compiled. ValueError for lights and materials that do not go together."""
-        dtype = jnp.dtype(plan.dtype)
-        numbers = jax.tree.map(
-            lambda leaf: jnp.asarray(leaf, dtype) if eqx.is_inexact_array(leaf) else leaf,
-            _numbers(self.scene, plan),
-        )
-        every = plan.bounces is None
-        structure = (jax.tree.structure(numbers), plan.dtype, plan.facets, every, plan.quadrature)
+        numbers = self._numbers(plan)
+        structure = (jax.tree.structure(numbers), plan.dtype, plan.facets, plan.bounces is None, plan.quadrature)
         if structure not in self._known:
-            lowered = jax.jit(lambda numbers: _picture(self.scene, plan, numbers)).lower(numbers)
-            analysis = lowered.cost_analysis() or {}
-            work = analysis.get("flops", 0.0) + _TRANSCENDENTAL * analysis.get("transcendentals", 0.0)
-            work += _WINDOW * len(numbers["faces"]) if plan.facets is not None else 0  # of loops the body is counted once
-            self._known[structure] = lowered.compile(), work * dtype.itemsize
-        compiled, work = self._known[structure]
-        if self.scene.room is not None:
-            patches = len(numbers["emission"])
-            work += dtype.itemsize * (2 / 3 * patches**3 if plan.bounces is None else 2 * patches**2 * plan.bounces)
-        return Program(compiled, numbers, work, (structure, plan.bounces))
+            self._known[structure] = jax.jit(lambda numbers: _picture(self.scene, plan, numbers)).lower(numbers).compile()
+        return Program(self._known[structure], numbers, (structure, plan.bounces))
+
+    def work(self, plan: Plan) -> float:
+        """The operations of the plan's program, in multiplications of float64. Errors as for `program`.
+
+        What is seen does not depend on how it is shaded, nor the work at a point on how many there are, nor the room on either:
+        so the works of many combinations follow from few traces.
+        """
+        seen, points = self.seeing(plan)
+        return seen + points * self.shading(plan) + self.room(plan)
+
+    def seeing(self, plan: Plan) -> tuple[float, int]:
+        """The work of finding what is seen where, and how many points are shaded. By facets and precision alone."""
+
+        def blank(point: Any, normal: Any, view: Any) -> Array:
+            return jnp.zeros((3, *jnp.shape(normal[0] + normal[1] + normal[2])), plan.dtype)
+
+        key = ("seeing", plan.facets, plan.dtype)
+        if key not in self._known:
+            self._known[key] = self._traced(plan, self._numbers(plan), lambda _: blank)
+        return self._known[key], _points(self.scene, plan)
+
+    def shading(self, plan: Plan) -> float:
+        """The work at one point. By materials, lights, the rule for the albedo, and precision alone."""
+        # Of any facets those of the scene, shaded in every pixel: the same number whatever is asked for first.
+        plan = replace(plan, facets=None if plan.facets is None else (None, "phong"))
+        numbers = self._numbers(plan)
+        key = ("shading", jax.tree.structure((numbers["material"], numbers["lights"])), plan.dtype, plan.quadrature)
+        if key not in self._known:
+            moments = None if self.scene.room is None else jnp.ones(10, plan.dtype)
+            whole = self._traced(plan, numbers, lambda numbers: _shader(plan, numbers, moments))
+            seen, points = self.seeing(plan)
+            self._known[key] = (whole - seen) / points
+        return self._known[key]
+
+    def room(self, plan: Plan) -> float:
+        """The work of the light's bounces between the walls of a room, 0 where there is none."""
+        if self.scene.room is None:
+            return 0.0
+        key = ("bounces", plan.bounces, plan.dtype)
+        if key not in self._known:
+            self._known[key] = traced(lambda room: at_middle(room, plan.bounces), self._numbers(plan)["room"])
+        return self._known[key]
+
+    def _traced(self, plan: Plan, numbers: Any, shader: Callable[[Any], Shader]) -> float:
+        def picture(numbers: Any) -> Array:
+            return _seen(self.scene, plan, numbers, shader(numbers))
+
+        return traced(picture, numbers, loops=_loops(self.scene, numbers))
+
+    def _numbers(self, plan: Plan) -> dict[str, Any]:
+        dtype = jnp.dtype(plan.dtype)
+        if self.scene.room is not None and "room" not in self._known:
+            self._known["room"] = room_numbers(self.scene.room)
+        numbers = _of_scene(self.scene, plan) | ({"room": self._known["room"]} if self.scene.room is not None else {})
+        numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if eqx.is_inexact_array(leaf) else leaf, numbers)
+        return numbers | ({"bounces": jnp.asarray(plan.bounces or 0, jnp.int32)} if self.scene.room is not None else {})
 
 
-def _numbers(scene: Scene, plan: Plan) -> dict[str, Any]:
+def _points(scene: Scene, plan: Plan) -> int:
+    """How many points are shaded."""
+    pixels = scene.picture.size[0] * scene.picture.size[1]
+    if plan.facets is None or plan.facets[1] == "phong":
+        return pixels
+    mesh = _mesh(scene, plan)
+    return len(mesh.faces) if plan.facets[1] == "flat" else len(mesh.vertices)
+
+
+def _loops(scene: Scene, numbers: Mapping[str, Any]) -> tuple[float, ...]:
+    """Rounds of the rasteriser's loops: of the faces half are seen, each in the windows of its box, twice its own area.
+
+    As if the object filled the picture.
+    """
+    if "faces" not in numbers:
+        return ()
+    seen = len(numbers["faces"]) / 2
+    side = (2 * scene.picture.size[0] * scene.picture.size[1] / seen) ** 0.5
+    return seen, (1 + side / _WINDOW) ** 2
+
+
+def _mesh(scene: Scene, plan: Plan) -> Mesh:
+    assert plan.facets is not None
+    mesh = scene.picture.mesh if plan.facets[0] is None else icosphere(plan.facets[0], jnp.float32)
+    assert mesh is not None
+    return mesh
+
+
+def _of_scene(scene: Scene, plan: Plan) -> dict[str, Any]:
     picture = scene.picture
     numbers = {"material": plain(plan.material), "lights": plan.lights, "camera": picture.camera}
     numbers["background"] = jnp.asarray(picture.background)
@@ -111,29 +175,21 @@ def _numbers(scene: Scene, plan: Plan) -> dict[str, Any]:
         numbers["center"], numbers["radius"] = (
             jnp.asarray(options.get(name, default), float) for name, default in (("center", (0.0, 0.0, 0.0)), ("radius", 1.0))
         )
-    else:
-        mesh = picture.mesh if plan.facets[0] is None else icosphere(plan.facets[0], jnp.float32)
-        assert mesh is not None
-        numbers |= {"vertices": mesh.vertices, "faces": mesh.faces}
-    return numbers | (_room_numbers(scene.room, plan.bounces) if scene.room is not None else {})
-
-
-def _room_numbers(room: Room, bounces: int | None) -> dict[str, Any]:
-    cube = box(cells=room.cells)
-    return {
-        "bounces": jnp.asarray(bounces or 0, jnp.int32),
-        "factors": cube.form_factors,
-        "emission": cube.on_wall(_CEILING, room.emission),
-        "areas": cube.areas / jnp.sum(cube.areas),
-        "reflectance": jnp.asarray(room.reflectance),
-    }
+        return numbers
+    mesh = _mesh(scene, plan)
+    return numbers | {"vertices": mesh.vertices, "faces": mesh.faces}
 
 
 def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Array:
-    picture, lights = scene.picture, list(numbers["lights"])
-    material, camera, background = numbers["material"], numbers["camera"], numbers["background"]
+    moments = None
     if scene.room is not None:
-        lights.append(Ambient(_ambient(numbers, plan.bounces is None)))
+        moments = at_middle(numbers["room"], None if plan.bounces is None else numbers["bounces"])
+    return _seen(scene, plan, numbers, _shader(plan, numbers, moments))
+
+
+def _shader(plan: Plan, numbers: Mapping[str, Any], moments: Array | None) -> Shader:
+    """What a point looks like, in a room whose radiance at the object has these `moments`, if there is one."""
+    lights, material = list(numbers["lights"]), numbers["material"]
     surroundings = [light for light in lights if isinstance(light, Environment) and plan.quadrature is not None]
     others = [light for light in lights if not any(light is one for one in surroundings)]
 
@@ -141,35 +197,24 @@ def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Array:
         color = shade(material, others, point, normal, view)
         for light in surroundings:
             color = color + _surrounded(material, light, dot(normal, view), plan.quadrature or 0)
+        if moments is not None:
+            arriving = irradiance(moments, Vector(*normal)) / np.pi
+            matt = sum((term.albedo() for term in material.terms if term.matt), jnp.zeros((), arriving.dtype))
+            color = color + spread(matt, arriving.ndim) * arriving
         return color
 
+    return shader
+
+
+def _seen(scene: Scene, plan: Plan, numbers: Mapping[str, Any], shader: Shader) -> Array:
+    picture, camera, background = scene.picture, numbers["camera"], numbers["background"]
     if plan.facets is None:
         hit, point, normal, view = seen_sphere(camera, numbers["center"], numbers["radius"], picture.size)
         return jnp.where(hit, shader(point, normal, view), spread(background, 2) if background.ndim else background)
-    mesh = eqx.tree_at(
-        lambda mesh: (mesh.vertices, mesh.faces),
-        icosphere(0) if picture.mesh is None else picture.mesh,
-        (numbers["vertices"], numbers["faces"]),
-    )
+    mesh = eqx.tree_at(lambda mesh: (mesh.vertices, mesh.faces), _mesh(scene, plan), (numbers["vertices"], numbers["faces"]))
     options = dict(picture.options)
     options["shading"] = plan.facets[1]
     return shade_mesh(mesh, camera, shader, size=picture.size, background=background, **options)
-
-
-def _ambient(numbers: Mapping[str, Any], every: bool) -> Array:
-    """The mean radiance of the walls after so many bounces, or after all of them, shape (3,)."""
-    factors, emission = numbers["factors"], numbers["emission"]
-    if every:
-        kernel = jnp.eye(len(emission), dtype=emission.dtype) - numbers["reflectance"] * factors
-        radiosity = jnp.linalg.solve(kernel, emission)
-    else:
-
-        def bounce(_: Any, radiosity: Array) -> Array:
-            return emission + numbers["reflectance"] * (factors @ radiosity)
-
-        radiosity = jax.lax.fori_loop(0, numbers["bounces"], bounce, emission)
-    mean = jnp.sum(numbers["areas"] * radiosity) / jnp.asarray(np.pi, emission.dtype)
-    return jnp.broadcast_to(mean, (3,))
 
 
 def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int) -> Array:
@@ -195,35 +240,24 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
 
 
 @dataclass(frozen=True)
-class Times:
-    """Seconds of each program (median), costs over the dearest one's time, and the noise of such a cost."""
+class Beside:
+    """A program timed beside another: the other's seconds (median), and the quartiles of the ratio of their times."""
 
-    seconds: list[float]
-    costs: list[float]
-    noise: float
+    seconds: float
+    quartiles: tuple[float, float, float]
 
 
-def timed(programs: Sequence[Program], dearest: int, longest: float = _LONGEST) -> Times:
-    """Time the programs round by round for about `longest` seconds; the one numbered `dearest` twice, which shows the noise.
+def beside(program: Program, full: Program, longest: float = _LONGEST) -> Beside:
+    """Time a program beside the full model's, in turns, now one first and now the other, for about `longest` seconds.
 
-    The noise is how far the median of the second is from the first, twice, or what its spread says, and at least 15 %: so far
-    the medians of two runs of small pictures were seen apart on a shared machine.
+    A ratio is that of two times a moment apart: what else the machine does falls upon both alike.
     """
-    keys = [program.key for program in programs]
-    unique = sorted({keys.index(key) for key in keys})
-    for i in unique:
-        programs[i].seconds()
-    pace = sum(programs[i].seconds() for i in unique)
+    pair = (program, full)
+    pace = sum(sum(one.seconds() for one in pair) for _ in range(2)) / 2
     rounds = int(np.clip(longest / pace, _FEWEST, _MOST))
-    table, twin = np.empty((rounds, len(programs))), np.empty(rounds)
+    table = np.empty((rounds, 2))
     for r in range(rounds):
-        for i in unique:
-            table[r, [key == keys[i] for key in keys]] = programs[i].seconds()
-        twin[r] = programs[dearest].seconds()
-    reference = (table[:, dearest] + twin) / 2
-    ratios = twin / table[:, dearest]
-    quarters = np.quantile(ratios, (0.25, 0.75))
-    noise = max(_LEAST_NOISE, 2 * abs(float(np.median(ratios)) - 1), float(quarters[1] - quarters[0]) / rounds**0.5)
-    costs = np.median(table / reference[:, None], axis=0)
-    costs[dearest] = 1.0
-    return Times(np.median(table, axis=0).tolist(), costs.tolist(), noise)
+        for place in (0, 1) if r % 2 else (1, 0):
+            table[r, place] = pair[place].seconds()
+    low, middle, high = np.quantile(table[:, 0] / table[:, 1], (0.25, 0.5, 0.75))
+    return Beside(float(np.median(table[:, 1])), (float(low), float(middle), float(high)))

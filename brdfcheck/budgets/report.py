@@ -1,4 +1,4 @@
-"""A budget as a record, a table, a chart of error against cost, and pictures side by side."""
+"""A budget as a record, a table, a chart of error against work, and pictures side by side."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def _fault(fault: Fault) -> dict[str, Any]:
 
 def _rung(rung: Rung) -> dict[str, Any]:
     return {
-        "rung": rung.name, "error": _fault(rung.fault), "cost": rung.cost, "seconds": rung.seconds, "refused": rung.refused
+        "rung": rung.name, "error": _fault(rung.fault), "cost": rung.cost, "refused": rung.refused
     }  # fmt: skip
 
 
 def document(budget: Budget) -> dict[str, Any]:
-    """The record of a budget: errors of pixels in units of full scale, costs as shares of the dearest combination's."""
+    """The record of a budget: errors of pixels in units of full scale, costs as shares of the full model's work."""
     scene = budget.scene
     rows = [
         {
@@ -54,7 +54,7 @@ def document(budget: Budget) -> dict[str, Any]:
     summary = {
         "chosen": budget.chosen, "predicted": _fault(budget.predicted), "error": _fault(budget.error),
         "verified": _fault(budget.verified), "cost": budget.cost, "seconds": budget.seconds,
-        "full_seconds": budget.full_seconds, "saving": budget.saving, "noise": budget.noise,
+        "full_seconds": budget.full_seconds, "saving": budget.saving, "ratios": list(budget.ratios),
         "combinations": budget.combinations, "points": [list(point) for point in budget.points],
     }  # fmt: skip
     return records.document(f"budget {scene.label}", rows, settings=settings, summary=summary)
@@ -68,14 +68,14 @@ def in_steps(error: float, full: int) -> str:
 def cells(record: Mapping[str, Any]) -> tuple[Sequence[str], list[Sequence[str]]]:
     """The header and the rows of the table, for a person."""
     full = 2 ** record["settings"]["bits"] - 1
-    header = ("knob", "chosen", f"error, 1/{full}", "energy", "cost", "the next dearer rung would buy")
+    header = ("knob", "chosen", f"error, 1/{full}", "energy", "work", "the next dearer rung would buy")
     rows = []
     for row in record["results"]:
         dearer = row["dearer"]
         buys = "nothing: no rung errs less"
         if dearer is not None:
             more = dearer["cost"] / row["cost"] - 1
-            price = f"{more:.0%} more time" if more > 0.005 else "no more time that can be measured"
+            price = f"{more:.0%} more work" if more > 0.005 else "hardly more work"
             buys = f"{dearer['rung']}: error {in_steps(dearer['error']['pixel'], full)} for {price}"
         error = row["error"]
         rows.append(
@@ -89,24 +89,25 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
     settings, summary = record["settings"], record["summary"]
     full, tolerance = 2 ** settings["bits"] - 1, settings["tolerance"]
     energy = "" if isinstance(tolerance["energy"], str) else f", energy {tolerance['energy']:.2g}"
-    taken = f"{1e3 * summary['seconds']:.3g} ms"
+    taken = f"{1e3 * summary['seconds']:.3g} ms beside {1e3 * summary['full_seconds']:.3g} ms of the full model: "
     if summary["saving"] > 1:
-        taken += f" beside {1e3 * summary['full_seconds']:.3g} ms of the full model: {summary['saving']:.2f} times faster"
+        taken += f"{summary['saving']:.3g} times faster"
     else:
-        taken += ", the full model's: nothing that errs as little takes less"
+        taken += "nothing saved that can be measured"
     refused = [(row["title"], rung) for row in record["results"] for rung in row["ladder"] if rung["refused"]]
     return [
         f"tolerance  {in_steps(tolerance['pixel'], full)}/{full} of a pixel{energy}",
         f"predicted  {in_steps(summary['predicted']['pixel'], full)}/{full}, energy {summary['predicted']['energy']:.2g}",
         f"verified   {in_steps(summary['verified']['pixel'], full)}/{full}, energy {summary['verified']['energy']:.2g}"
         " (rendered)",
-        f"time       {taken}",
+        f"work       {summary['cost']:.2g} of the full model's (counted)",
+        f"time       {taken} (measured)",
         *(f"refused    {title} {rung['rung']}: {rung['refused']}" for title, rung in refused),
     ]
 
 
 def chart(record: Mapping[str, Any]) -> Any:
-    """Error against cost: all that was rendered, the frontier, the chosen one."""
+    """Error against work: all that was rendered, the frontier, the chosen one."""
     with plots.house_style():
         figure = plots.empty(7.0, 4.6)
         draw(figure.subplots(), record)
@@ -151,7 +152,7 @@ def draw(axes: Any, record: Mapping[str, Any]) -> None:
     axes.set_yticks([floor, *(10.0**k for k in decades)], ["0", *(plots.text_of(10.0**k, 3) for k in decades)])
     axes.minorticks_off()
     axes.grid(True)
-    axes.set(xlabel="cost, share of the full model's", ylabel=f"pixel error, 1/{full}")
+    axes.set(xlabel="work, share of the full model's", ylabel=f"pixel error, 1/{full}")
 
 
 def difference(budget: Budget) -> Float[np.ndarray, "3 height width"]:

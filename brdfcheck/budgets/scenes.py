@@ -11,9 +11,9 @@ The file is that of ``brdfcheck render`` (`brdfcheck.scene.config`) and three ta
     energy = 0.01                # the largest relative error of the sum of all pixels, in linear light; by default any
     silhouette = false           # leave out pixels that only one of two images covers; by default true: they count
 
-    [room]                       # a closed cube around the object: its light fills the object's shadows, as ambient light
+    [room]                       # a closed cube with the object, small, in its middle: its walls light the matt terms
     reflectance = 0.7            # of its walls, below 1
-    emission = 1.5               # radiosity of its ceiling
+    emission = 1.5               # radiosity of its ceiling, at +y
     cells = 4                    # patches along an edge
 
 The full model is the scene as it is written; of an icosphere, fewer faces than its level has are tried besides.
@@ -39,7 +39,7 @@ _MOST_PIXELS = 2**24
 
 @dataclass(frozen=True)
 class Room:
-    """A closed cube: `reflectance` of all walls in [0, 1), radiosity `emission` of the ceiling, `cells` along an edge."""
+    """A closed cube: `reflectance` of all walls in [0, 1), radiosity `emission` of the ceiling (+y), `cells` along an edge."""
 
     reflectance: float
     emission: float

@@ -32,12 +32,13 @@ scene.toml is that of brdfcheck render, and may say besides:
   pixel = "0.5/255"                 # by default half a step of the output
   energy = 0.01                     # of the sum of all pixels; by default any
   silhouette = false                # leave out pixels that one picture only covers
-  [room]                            # closed cube around the object
+  [room]                            # closed cube with the object in its middle
   reflectance = 0.7
-  emission = 1.5                    # of its ceiling
+  emission = 1.5                    # of its ceiling, at +y
 
-Each rung of each knob is rendered and timed against the full model; the choice is verified by
-rendering it. Where that misses the tolerance the exit code is 1.""",
+Each rung of each knob is rendered against the full model and its operations are counted, so that
+the choice is the same at every run; it is verified by rendering it, and timed beside the full
+model. Where it misses the tolerance the exit code is 1.""",
 )
 def _budget(
     scene: Annotated[str | None, typer.Argument(metavar="SCENE.toml", help="The scene.", show_default=False)] = None,
@@ -49,7 +50,7 @@ def _budget(
     ] = None,
     json: Json = None,
     output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="FILE", help="Chart of error against cost: .png, .svg or .pdf.")
+        str | None, typer.Option("-o", "--output", metavar="FILE", help="Chart of error against work: .png, .svg or .pdf.")
     ] = None,
     images: Annotated[
         str | None, typer.Option("--images", metavar="FILE", help="Both pictures and their difference: .png.")
