@@ -64,15 +64,16 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """Energy of a beam; energy between otherwise loss-free walls; the radius against the exponent."""
     from brdfcheck import plots
+    from brdfcheck.plots import paper
     from brdfcheck.plots.styles import ink, style_of
 
     with plots.house_style():
-        figure = plots.empty(13.2, 5.2)
+        figure = plots.empty(15.6, 4.6)
         beam, late, radius = figure.subplots(1, 3)
         for result in record["results"]:
             style = style_of(result["name"])
             look = {"color": style.color, "dashes": style.dashes or (1, 0), "linewidth": 1.5}
-            beam.plot(range(BEAM + 1), result["beam"], label=f"{result['name']}, n = {result['n']:g}", **look)
+            beam.plot(range(BEAM + 1), result["beam"], **look)
             for room, marker in (("sphere", "o"), ("cube", "s")):
                 traced = result["traced"][room]
                 # Filled: published factors.
@@ -89,7 +90,7 @@ def plot(record: dict[str, Any]) -> Any:
         for claim in record["summary"]["claims"]:
             style = style_of(claim["name"])
             look = {"color": style.color, "dashes": style.dashes or (1, 0), "linewidth": 1.3, "marker": style.marker}
-            radius.plot(claim["parameters"], claim["radii"], markersize=4, label=claim["name"], **look)
+            radius.plot(claim["parameters"], claim["radii"], markersize=4, **look)
         beam.set(yscale="log", ylim=(1e-3, 1.6), title="the lobe alone; a beam along the normal", ylabel="energy")
         beam.set(xlabel="bounces; paths in a sphere (○), a cube (□), filled: published")
         late.set(xscale="log", yscale="log", ylim=(0.5, 100), xlabel="bounces", title="walls otherwise loss-free (mirror)")
@@ -102,8 +103,11 @@ def plot(record: dict[str, Any]) -> Any:
             axes.axhline(1, color="black", linewidth=0.9)
             axes.grid(True)
         radius.set_xticks([1, 10, 100, 1000], ["1", "10", "100", "1000"])
-        beam.legend(loc="lower left", fontsize=7.5)
-        figure.legend(*radius.get_legend_handles_labels(), loc="outside lower right", ncols=4, fontsize=8)
+        for axes, ends in (
+            (beam, [(f"{r['name']}, n = {r['n']:g}", r["name"], r["beam"][-1]) for r in record["results"]]),
+            (radius, [(c["name"], c["name"], c["radii"][-1]) for c in record["summary"]["claims"]]),
+        ):
+            paper.direct_labels(axes, [paper.Label(text, style_of(name), end) for text, name, end in ends])
     return figure
 
 

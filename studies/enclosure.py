@@ -101,8 +101,9 @@ def summary(record: dict[str, Any]) -> str:
         best[point["method"]] = point
     work = [(f"`{name}`", f"{p['error']:.1e}", f"{float(p['claimed']):.1e}", f"{1e3 * p['seconds']:.2f}", f"{p['cost']:.3g}")
             for name, p in best.items()]  # fmt: skip
+    held = ("matrix_bytes", "direct_bytes", "process_bytes")
     growth = [(f"{g['patches']:,}", f"{g['form_factor_seconds']:.4f}", *(f"{s:.4f}" for s in g["solver_seconds"].values()),
-               f"{g['matrix_bytes'] / 2**20:.3g}", f"{g['direct_bytes'] / 2**20:.3g}") for g in told["growth"]]  # fmt: skip
+               *(f"{g[name] / 2**20:.4g}" for name in held)) for g in told["growth"]]  # fmt: skip
     refined = [(f"{step['patches']:,}", *(f"{step[wall]:.8f}" for wall in WALLS)) for step in told["refined"]]
     errors = zip((told["light"][wall] for wall in WALLS), told["light"]["errors"], strict=True)
     refined.append(("none, by paths", *(f"{value:.5f} ± {error:.5f}" for value, error in errors)))
@@ -114,8 +115,8 @@ def summary(record: dict[str, Any]) -> str:
         "Smallest error of each solver and what it took (cost: products of a form factor with a radiosity, for paths rays):\n\n"
         + table(("solver", "relative error", "claimed", "ms", "cost"), work)
         + f"\n\nForm factors were off before they were balanced by: {balance}.\n\nSeconds by patches, and MiB of the form"
-        " factors and of all that the direct solve holds at once:\n\n"
-        + table(("patches", "form factors", *told["growth"][0]["solver_seconds"], "matrix", "direct solve"), growth)
+        " factors, of all that the direct solve's program holds at once, and of the process at its peak so far:\n\n"
+        + table(("patches", "form factors", *told["growth"][0]["solver_seconds"], "matrix", "direct solve", "process"), growth)
         + "\n\nMean radiosity of the walls of a cube, ρ = 0.7, one wall emitting 1:\n\n"
         + table(("patches", *WALLS), refined)
         + "\n\nOne patch a wall, up to and beyond ρ = 1:\n\n"

@@ -46,6 +46,8 @@ def test_growth_counts_patches_and_bytes():
     assert (small.patches, large.patches) == (6, 1024)
     assert (small.matrix_bytes, large.matrix_bytes) == (8 * 6**2, 8 * 1024**2)
     assert 2 * large.matrix_bytes < large.direct_bytes < 100 * 2**20
+    # The process holds its libraries besides, and never less than before.
+    assert large.process_bytes >= small.process_bytes > large.direct_bytes
     # Five seconds are allowed, on any machine these tests run on.
     assert large.form_factor_seconds + large.solver_seconds["direct"] < 5
     assert set(large.solver_seconds) == {"direct", "krylov", "progressive", "neumann"}

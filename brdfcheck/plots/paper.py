@@ -304,7 +304,9 @@ def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], w
     strip.set_facecolor("none")
     strip.text(-0.012, 0.5, words, transform=strip.transAxes, ha="right", va="center", fontsize=7.5, color="#333333")
     few = len(found) <= 3
-    rows = [_row(axes, strip, row, violation, few, angles) for row, violation in enumerate(found)]
+    rows = [
+        _row(axes, strip, row, violation, few, few and _tinted(violation, found), angles) for row, violation in enumerate(found)
+    ]
     keep_width(axes)
     # The texts are as wide as they are: they can be kept inside and apart only once the layout is known.
     inverted = axes.get_xlim()[0] > axes.get_xlim()[1]
@@ -312,7 +314,15 @@ def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], w
         _settle(strip, texts[::-1] if inverted else texts)
 
 
-def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, angles: bool) -> list[Any]:
+def _tinted(violation: Violation, found: Sequence[Violation]) -> bool:
+    """Whether a tint says where: not over the whole range, and not where one tint would lie on another."""
+    if violation.intervals == [violation.edges]:
+        return False
+    others = [interval for other in found if other is not violation for interval in other.intervals]
+    return not any(low < last and first < high for low, high in violation.intervals for first, last in others)
+
+
+def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, tinted: bool, angles: bool) -> list[Any]:
     """The bars of one BRDF, its name on the right, the shading below; returns the texts over the bars."""
     color = violation.style.color
     narrow = 0.004 * abs(np.subtract(*axes.get_xlim())) if axes.get_xscale() == "linear" else 0.0
@@ -326,7 +336,7 @@ def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, ang
             strip.plot([end] * 2, [row + 0.62, row + 0.98], color=color, linewidth=1.0, zorder=3)
             if few:
                 axes.axvline(end, color=color, linewidth=0.7, linestyle=(0, (2, 2)), zorder=1.5)
-        if few:
+        if tinted:
             axes.axvspan(*ends, color=color, alpha=0.10, linewidth=0, zorder=0.5)
         text = _ends(low, high, violation.edges, angles)
         if len(violation.intervals) == 1 and violation.largest:
@@ -413,7 +423,10 @@ def direct_labels(axes: Axes, labels: Sequence[Label]) -> None:
     height = axes.get_window_extent().height / figure.dpi  # pyright: ignore[reportAttributeAccessIssue]
     bottom, top = axes.get_ylim()
     known = [bottom if math.isnan(label.end) else min(max(label.end, bottom), top) for label in labels]
-    ends = [(end - bottom) / (top - bottom) for end in known]
+    # Through the axes' own scale, linear or logarithmic.
+    left = axes.get_xlim()[0]
+    places = axes.transAxes.inverted().transform(axes.transData.transform([(left, end) for end in known]))
+    ends = [float(place) for place in places[:, 1]]
     order = sorted(range(len(labels)), key=lambda i: (ends[i], labels[i].under))
     step = _LABEL / height
     spread = _spread([ends[i] for i in order], step)

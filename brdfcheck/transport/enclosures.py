@@ -1,5 +1,8 @@
 r"""Closed enclosures of diffuse patches: sphere, box, cylinder, any convex polyhedron, or a matrix of your own.
 
+Convex, so that all walls see each other: there is no visibility here, and a polyhedron with a dent is refused. Where walls hide
+each other, form factors from elsewhere come in by `enclosure`, which balances them and says how far they were off.
+
 Whatever leaves a patch of a closed enclosure arrives: $\sum_k F_{jk} = 1$, and $A_j F_{jk} = A_k F_{kj}$. How far the form
 factors were from both is kept in `balance`, before they are made to hold; an enclosure that leaks is refused.
 """
@@ -319,7 +322,8 @@ def polyhedron(
     """A convex polyhedron from vertices (v, 3) and faces, each a list of vertices counterclockwise as seen from outside.
 
     `divisions` k divides triangles and quadrilaterals into k^2 patches, in the order of the faces. Form factors by the clipped
-    point-to-polygon formula over graded Gauss nodes, `order` a direction (see `patch_form_factor`), both ways.
+    point-to-polygon formula over graded Gauss nodes, `order` a direction (see `patch_form_factor`), both ways. Nothing hides
+    anything in a convex solid; others need form factors with visibility, which `enclosure` takes.
     Raises ValueError for a surface that is open (the leak is stated), not convex, or wrongly turned, and for bad faces.
     """
     corners, divisions = np.asarray(vertices, float), _count(divisions, "divisions")
@@ -376,7 +380,11 @@ def _refuse_dents(corners: np.ndarray, walls: Sequence[np.ndarray]) -> None:
         heights = (used - wall[0]) @ normal / size
         if np.max(heights) > 1e-9:
             inside_out = np.min(heights) > -1e-9
-            reason = "turn it: counterclockwise from outside" if inside_out else "it must be convex: all walls see each other"
+            reason = (
+                "turn it: counterclockwise from outside"
+                if inside_out
+                else "it must be convex: all walls see each other (for others give form factors to transport.enclosure)"
+            )
             raise ValueError(f"a vertex lies outside face {i} by {np.max(heights):.3g} of the size of the enclosure: {reason}")
 
 

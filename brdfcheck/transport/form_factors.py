@@ -47,11 +47,12 @@ def parallel_rectangles(x: Any, y: Any, other_x: Any, other_y: Any, distance: An
         s, t = np.hypot(u, z), np.hypot(v, z)
         # z^2 ln z, the same in all corners, is left out: it cancels, and its rounding would not.
         logarithm = 0.5 * z * z * np.log1p((u * u + v * v) / (z * z))
-        return [v * s * np.arctan(v / s) / (2 * np.pi), u * t * np.arctan(u / t) / (2 * np.pi), -logarithm / (2 * np.pi)]
+        parts = np.broadcast_arrays(v * s * np.arctan(v / s), u * t * np.arctan(u / t), -logarithm)
+        return [part / (2 * np.pi) for part in parts]
 
     def term(i: int, j: int, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-        parts = antiderivative(x[..., i] - other_x[..., k], y[..., j] - other_y[..., m])
-        return sum(parts), sum(map(np.abs, parts))
+        parts = np.stack(antiderivative(x[..., i] - other_x[..., k], y[..., j] - other_y[..., m]))
+        return np.sum(parts, axis=0), np.sum(np.abs(parts), axis=0)
 
     def kernel(x: np.ndarray, y: np.ndarray, other_x: np.ndarray, other_y: np.ndarray, z: np.ndarray) -> np.ndarray:
         # r^2 by z: a distance of any unit keeps the fourth power in range.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -93,13 +94,17 @@ def work_precision(
 
 @dataclass(frozen=True)
 class Growth:
-    """Seconds and memory for one number of patches: form factors made, then each solver; bytes of the direct program."""
+    """Seconds and memory for one number of patches: form factors made, then each solver; bytes of the direct program.
+
+    `process_bytes`: the most that the whole process has held so far, whatever for; 0 where the system does not tell.
+    """
 
     patches: int
     form_factor_seconds: float
     solver_seconds: dict[str, float]
     matrix_bytes: int
     direct_bytes: int
+    process_bytes: int
 
 
 def growth(
@@ -129,8 +134,18 @@ def growth(
         posed = problem(room, light, reflectance)
         memory = solve_directly.lower(posed).compile().memory_analysis()
         held = memory.argument_size_in_bytes + memory.output_size_in_bytes + memory.temp_size_in_bytes if memory else 0
-        found.append(Growth(room.patches, making, seconds, int(room.form_factors.nbytes), int(held)))
+        found.append(Growth(room.patches, making, seconds, int(room.form_factors.nbytes), int(held), _process_bytes()))
     return found
+
+
+def _process_bytes() -> int:
+    """The largest resident size of this process so far."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def timed(run: Callable[[], Any], repeats: int, *, warm: bool = True) -> tuple[float, Any]:
