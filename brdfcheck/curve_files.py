@@ -229,10 +229,10 @@ def from_store(
     n: tuple[float, float] | None = None,
     cos_theta: tuple[float, float] | None = None,
 ) -> list[Curve]:
-    """The curves of a sweep's store: one for each value of its dimensions besides n and cos_theta.
+    """The curves of a sweep's store: one for each value of its dimensions besides the parameter and cos_theta.
 
-    Of azimuths and channels the largest albedo counts. `n`, `cos_theta`: only these ranges; `wanted`: exponents of curves
-    over angles.
+    The parameter is n, or where there is none the longest dimension of numbers. Of azimuths and channels the largest albedo
+    counts. `n`, `cos_theta`: only these ranges; `wanted`: exponents of curves over angles.
     """
     if kind == "factor":
         raise UsageError(f"{path}: a sweep holds albedos; plot its factors by the names of the BRDFs")
@@ -240,38 +240,52 @@ def from_store(
     for axis in ("azimuth", "channel"):
         if axis in table.dims:
             table = table.max(axis)
-    for name, bounds in (("n", n), ("cos_theta", cos_theta)):
-        if name not in table.dims:
-            have = ", ".join(map(str, table.dims)) or "none"
-            raise UsageError(f"{path}: a plot of a sweep needs the dimensions n and cos_theta; it has {have}")
+    parameter = _parameter(table)
+    if parameter is None or "cos_theta" not in table.dims:
+        have = ", ".join(map(str, table.dims)) or "none"
+        raise UsageError(f"{path}: a plot of a sweep needs the dimension cos_theta and one of numbers, as n; it has {have}")
+    if parameter != "n" and (n is not None or wanted is not None):
+        raise UsageError(f"{path}: --n is for sweeps over n; this one is over {parameter}")
+    for name, bounds in ((parameter, n), ("cos_theta", cos_theta)):
         table = table.sortby(name)
         if bounds is not None:
             table = table.sel({name: (table[name] >= bounds[0]) & (table[name] <= bounds[1])})
             if not table.sizes[name]:
                 raise UsageError(f"{path}: holds no {name} within {bounds[0]:g}:{bounds[1]:g}")
-    others = [str(axis) for axis in table.dims if axis not in ("n", "cos_theta")]
+    others = [str(axis) for axis in table.dims if axis not in (parameter, "cos_theta")]
     count = math.prod(table.sizes[axis] for axis in others)
     if count > _MOST:
         raise UsageError(f"{path}: {count} curves over {', '.join(others)} are too many for one figure (at most {_MOST})")
     stem = Path(path).resolve().name.removesuffix(".zarr")
-    x, mu = (np.asarray(table[name].values, float) for name in ("n", "cos_theta"))
+    x, mu = (np.asarray(table[name].values, float) for name in (parameter, "cos_theta"))
     curves: list[Curve] = []
     for index in np.ndindex(*(table.sizes[axis] for axis in others)):
         part = table.isel(dict(zip(others, index, strict=True)))
-        values = np.asarray(part.transpose("n", "cos_theta").values, float)
+        values = np.asarray(part.transpose(parameter, "cos_theta").values, float)
         if np.all(np.isnan(values)):
             continue
         label = _label(
             stem,
             [(axis, part.coords[axis].item() if axis in part.coords else i) for axis, i in zip(others, index, strict=True)],
         )
-        curves += from_grid(kind, label, "n", x, mu, values, label=label, wanted=wanted)
+        curves += from_grid(kind, label, parameter, x, mu, values, label=label, wanted=wanted)
     if not curves:
         few = kind == "heatmap" and min(len(x), len(mu)) < 2
         raise UsageError(
-            f"{path}: " + ("a heat map needs two values of n and cos_theta" if few else "the sweep holds no albedo yet")
+            f"{path}: "
+            + (f"a heat map needs two values of {parameter} and cos_theta" if few else "the sweep holds no albedo yet")
         )
     return curves
+
+
+def _parameter(table: Any) -> str | None:
+    """The dimension that a figure runs over besides the angle; None where there is none of numbers."""
+    numeric = [
+        str(axis)
+        for axis in table.dims
+        if axis not in ("cos_theta", "rtol") and axis in table.coords and table.coords[axis].dtype.kind in "fiu"
+    ]
+    return "n" if "n" in numeric else max(numeric, key=lambda axis: table.sizes[axis], default=None)
 
 
 def _label(stem: str, place: Sequence[tuple[str, Any]]) -> str:

@@ -72,7 +72,8 @@ def plot(record: dict[str, Any]) -> Any:
             axes.annotate("", (a, high), (a, low), arrowprops={"arrowstyle": "->", "color": color, "linewidth": 1.2})
             axes.plot(a, low, marker=marker, color="white", markeredgecolor=color, markersize=7, linestyle="none")
             axes.plot(a, high, marker=marker, color=color, markersize=7, linestyle="none", label=label)
-        axes.plot(*record["settings"]["published"], marker="*", markersize=17, color="#D55E00", linestyle="none", zorder=0)
+        star = {"marker": "*", "markersize": 24, "color": "none", "markeredgecolor": "#D55E00"}  # one of the fits is inside
+        axes.plot(*record["settings"]["published"], **star, zorder=5)
         axes.annotate(
             "published: (6, 24.55)", record["settings"]["published"], (-13, 2), textcoords="offset points", ha="right",
             color="#A34700",
@@ -111,7 +112,7 @@ def summary(record: dict[str, Any]) -> str:
     a, b = near[stage]
     header = (
         "n", "objective", "sampling", "(A, B) as fitted", "its peak", "(A, B) that conserves", "smallest albedo",
-        "distance to (6, 24.55)",
+        "distance to (6, 24.55): as fitted / that conserves",
     )  # fmt: skip
     return (
         f"Nearest to the published (6, 24.55): {near['objective']}, {near['sampling']} sampling of n in [{near['n'][0]},"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck import BinomialPower, Factor, Family, Normalized, Phong, curve_files, curves
+from brdfcheck import BinomialPower, Factor, Family, Normalized, Phong, curve_files, curves, plots
 from brdfcheck.callables import Finding
 from brdfcheck.messages import UsageError
 
@@ -212,6 +212,33 @@ def test_stores_of_sweeps(tmp_path):
             curve_files.from_store(*arguments)
     with pytest.raises(UsageError, match="no n within 2000:3000"):
         curve_files.from_store(plain, "heatmap", n=(2000, 3000))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_stores_over_other_parameters(tmp_path):
+    """The longest dimension of numbers takes the place of n and is called by its name; the others make curves."""
+    import xarray
+
+    alpha, f0, mu = np.linspace(0.1, 1, 6), np.array([0.04, 0.5]), np.linspace(0, 1, 5)
+    values = 1.2 - alpha[:, None, None] * f0[:, None] * mu
+    data = xarray.DataArray(values, dims=("alpha", "f0", "cos_theta"), coords={"alpha": alpha, "f0": f0, "cos_theta": mu})
+    data.to_dataset(name="albedo").to_zarr(tmp_path / "a.zarr", consolidated=False, zarr_format=3)
+    path = str(tmp_path / "a.zarr")
+    for kind in ("heatmap", "albedo-vs-n", "albedo-vs-angle"):
+        curves_found = curve_files.from_store(path, kind)
+        assert {curve["label"] for curve in curves_found} == {"f0=0.04", "f0=0.5"}
+        assert curves_found[0]["largest"]["at"] == {"alpha": pytest.approx(0.1)}
+    low, high = curve_files.from_store(path, "heatmap")
+    assert (low["parameter"], low["x"]) == ("alpha", pytest.approx(alpha))
+    assert np.array(high["albedo"]) == pytest.approx(values[:, 1])
+    assert "roughness α" in [axes.get_xlabel() for axes in plots.figure("heatmap", [low]).axes]
+    with pytest.raises(UsageError, match="--n is for sweeps over n; this one is over alpha"):
+        curve_files.from_store(path, "heatmap", n=(1, 10))
+    data[0, 0].drop_vars(["alpha", "f0"]).to_dataset(name="albedo").to_zarr(
+        tmp_path / "b.zarr", consolidated=False, zarr_format=3
+    )
+    with pytest.raises(UsageError, match="needs the dimension cos_theta and one of numbers, as n; it has cos_theta"):
+        curve_files.from_store(str(tmp_path / "b.zarr"), "heatmap")
 
 
 def record(tmp_path, **changes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import re
 import subprocess
@@ -16,7 +17,7 @@ import pytest
 
 import brdfcheck
 from brdfcheck import catalog, plots
-from brdfcheck.plots import paper
+from brdfcheck.plots import heatmap, paper
 from brdfcheck.plots.styles import DASHES, FITS, LOBES, VARIANTS, ink, style_of, styles
 
 ROOT = Path(brdfcheck.__file__).parent.parent
@@ -202,6 +203,33 @@ def test_heat_maps(count):
     assert any(text.startswith("largest 1.3 at n = 1000, 0°") for text in said)
     assert any("E > 1 for n = 200 … 1000" in text for text in said)
     assert {f"f{i}" for i in range(count)} <= set(said)
+
+
+@pytest.mark.parametrize(
+    ("intervals", "tints"),
+    [([(10, 50)], 1), ([(1, 1000)], 0), ([(2, 5), (10, 50)], 2), ([(2, 20), (10, 50)], 0), ([(1, 1000), (10, 50)], 0)],
+)
+def test_a_tint_says_where(intervals, tints):
+    """Not over the whole range, and never one on another: the strip above says it then."""
+    names = ["phong", "blinn-phong"]
+    drawn = [exponent_curve(name, np.full(40, 1.1), [ends]) for name, ends in zip(names, intervals, strict=False)]
+    figure = plots.figure("albedo-vs-n", drawn)
+    (axes,) = (axes for axes in figure.axes if axes.get_ylabel())
+    assert sum(patch.get_zorder() == 0.5 for patch in axes.patches) == tints
+
+
+@pytest.mark.parametrize(("low", "high"), [(2.0, 4.0), (3.5, 4.0), (1.0, 30.0), (2.1, 80.0), (3.0, 1e4)])
+def test_a_heat_map_far_above_1_shows_its_structure(low, high):
+    """Whatever the values are, most of them do not share one colour."""
+    curve = heat_curve(top=1.0)
+    shape = np.shape(curve["albedo"])
+    values = np.linspace(low, high, math.prod(shape)).reshape(shape)
+    levels, colors = heatmap._levels([{**curve, "albedo": values.tolist()}], None)
+    assert np.all(np.diff(levels) > 0)
+    assert len(colors) == len(levels) - 1 == len(set(colors))
+    assert 1.0 in levels
+    counts = np.histogram(values, [*levels[:-1], np.inf])[0]
+    assert counts.max() < 0.7 * values.size
 
 
 @pytest.mark.parametrize("top", [0.004, 0.9999, 1.0, 1.0005, 40.0, 1e29, np.nan])

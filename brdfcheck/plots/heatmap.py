@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, to_hex
+from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColormap, to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -142,12 +142,31 @@ def _levels(curves: Sequence[Mapping[str, Any]], limits: tuple[float, float] | N
         steps = [round(i * step, 9) for i in range(first, round(1 / step))]
     above: list[float] = []
     if high > _ABOVE:
-        above = [level for level in _EXCESS if math.isfinite(level)]
-        above = above[: next((i + 1 for i, level in enumerate(above) if level >= high), len(above))]
-        if above[-1] < high:
-            above.append(_MOST)
+        above = _excess(values[values > _ABOVE], high)
     elif not steps:
         steps = [0.9]
     shades = colormaps["cividis"](np.linspace(0.02, 0.98, max(len(steps), 1)))
-    colors = [to_hex(shade) for shade in shades[: len(steps)]] + list(_RED[: len(above)])
-    return [*steps, 1.0, *above], colors
+    # All of the reds where the excess is many steps, the lighter ones where it is few.
+    reds = LinearSegmentedColormap.from_list("excess", _RED)(np.linspace(0, 1, len(_RED)))[: len(above)]
+    if len(above) > len(_RED):
+        reds = LinearSegmentedColormap.from_list("excess", _RED)(np.linspace(0, 1, len(above)))
+    return [*steps, 1.0, *above], [to_hex(shade) for shade in (*shades[: len(steps)], *reds)]
+
+
+def _excess(values: np.ndarray, high: float) -> list[float]:
+    """Boundaries above 1: by the power of ten of the excess, or by the values where most of them would have one colour."""
+    fixed = [level for level in _EXCESS if math.isfinite(level)]
+    fixed = fixed[: next((i + 1 for i, level in enumerate(fixed) if level >= high), len(fixed))]
+    bands = np.digitize(values, fixed)
+    crowded = values.size and np.bincount(bands).max() > 0.7 * values.size
+    low = float(np.quantile(values, 0.25)) if values.size else 1.0
+    if high > 2 and crowded and high < 100 * low:  # even steps where the values are, wider ones towards 1
+        decade = 10.0 ** math.floor(math.log10(max(high - low, 0.01) / 5))
+        step = next(step for step in (decade, 2 * decade, 5 * decade, 10 * decade) if (high - low) / step <= 5)
+        first, last = math.floor(low / step), math.ceil(high / step - 1e-9)
+        levels, gap = [i * step for i in range(first, last + 1)], 2 * step
+        while levels[0] - gap > 1:
+            levels.insert(0, levels[0] - gap)
+            gap *= 2
+        return [round(level, 9) for level in levels if level > 1]
+    return fixed if fixed[-1] >= high else [*fixed, _MOST]
