@@ -111,3 +111,27 @@ def polygon_irradiance(vertices, point, normal, count=400):
     way = spots - point
     square = dots(way, way)
     return np.sum(positive(dots(way, np.asarray(normal))) * np.abs(dots(way, area)) / square**2)
+
+
+def tight_sphere(size, lights, kd, ks, n, factor, half_height=1.05):
+    """The image (3, height, width) of `surface` on the unit sphere under distant lights as fast as numpy does it, in float32.
+
+    View and lights are the same in all pixels, so half vectors are too: all N.L and N.H are one matrix product and all
+    colours another, nothing is normalised in a pixel, and the power is exp(n log x). The background is black.
+    """
+    height, width = size
+    x = ((np.arange(width, dtype=np.float32) + 0.5 - width / 2) * 2 * half_height / height).astype(np.float32)
+    y = ((height / 2 - 0.5 - np.arange(height, dtype=np.float32)) * 2 * half_height / height).astype(np.float32)
+    square = 1 - x**2 - y[:, None] ** 2
+    normals = np.empty((3, *size), np.float32)
+    normals[0], normals[1], normals[2] = x, y[:, None], np.sqrt(positive(square))
+    directions = np.stack([normalised(np.asarray(light["direction"], np.float32)) for light in lights])
+    halves = normalised(directions + np.array([0, 0, 1], np.float32))
+    terms = np.concatenate([directions, halves]) @ normals.reshape(3, -1)
+    count = len(lights)
+    np.maximum(terms, np.float32(1e-30), out=terms)
+    terms[:count] *= (square > 0).ravel()
+    terms[count:] = np.exp(np.float32(n) * np.log(terms[count:])) * terms[:count]
+    colors = np.stack([np.broadcast_to(np.asarray(light["intensity"], np.float32), (3,)) for light in lights], axis=1)
+    matt = colors * (np.asarray(kd, np.float32) / np.float32(np.pi))[:, None]
+    return (np.concatenate([matt, colors * np.float32(ks * factor)], axis=1) @ terms).reshape(3, *size)

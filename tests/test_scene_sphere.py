@@ -315,6 +315,8 @@ def test_numbers_of_cameras_and_places_compile_nothing_however_they_are_written(
 
 @pytest.mark.slow
 def test_the_sphere_takes_a_twentieth_of_plain_numpy_and_thrice_its_floor():
+    # The twentieth is that of `numpy_shader.surface`, vectors (..., 3) and textbook formulas: 93 times the scene's time where it
+    # was measured. `tight_sphere`, which computes once what is the same in all pixels, takes 14 to 27 times as long as the scene.
     size = (512, 512)
     scene = Surface(MATT, GLOSSY), (SUN, SKY)
     cosines = jnp.linspace(1e-3, 1, 512 * 512, dtype=jnp.float32).reshape(size)
@@ -329,18 +331,19 @@ def test_the_sphere_takes_a_twentieth_of_plain_numpy_and_thrice_its_floor():
         "scene": lambda: sphere_image(*scene, size=size),
         "floor": lambda: floor(*numbers),
         "numpy": lambda: plain(size, np.float32),
+        "tight numpy": lambda: numpy_shader.tight_sphere(size, SUN_SKY, (0.5, 0.4, 0.3), 0.2, 30, FACTOR),
     }
     np.testing.assert_allclose(seen(contenders["scene"]()), contenders["numpy"](), atol=2e-4)
+    np.testing.assert_allclose(contenders["scene"](), contenders["tight numpy"](), atol=2e-4)
     contenders["floor"]().block_until_ready()
     best = dict.fromkeys(contenders, np.inf)
-    for attempt in range(40):  # others may be using the machine: until it is quiet, within reason
+    for _ in range(40):  # a fixed number, all in turn: each has its quiet moment where others use the machine
         for name, run in contenders.items():
-            for _ in range(1 if name == "numpy" else 10):
+            for _ in range(1 if "numpy" in name else 10):
                 began = time.perf_counter()
                 jax.block_until_ready(run())
                 best[name] = min(best[name], time.perf_counter() - began)
-        if attempt > 5 and best["numpy"] > 20 * best["scene"] and best["scene"] < 3 * best["floor"]:
-            break
-    print({name: f"{1e3 * value:.3f} ms" for name, value in best.items()})
+    print({name: f"{1e3 * value:.3f} ms, {value / best['scene']:.2f} times the scene" for name, value in best.items()})
     assert best["numpy"] > 20 * best["scene"]
+    assert best["tight numpy"] > 10 * best["scene"]
     assert best["scene"] < 3 * best["floor"]
