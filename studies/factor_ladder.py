@@ -80,9 +80,10 @@ def plot(record: dict[str, Any]) -> Any:
             for rung, place in zip(result["rungs"], places, strict=True):  # an exact factor may be two forms in one place
                 letters[place] = letters.get(place, "") + LETTERS[rung["form"]]
             for place, letter in letters.items():
-                size = (11, 7.5) if len(letter) == 1 else (14, 6.0)
-                axes.plot(*place, marker="o", markersize=size[0], color="white", markeredgecolor=color, zorder=3)
-                axes.annotate(letter, place, ha="center", va="center_baseline", fontsize=size[1], color=ink(color), zorder=4)
+                axes.plot(*place, marker="o", markersize=8 + 3 * len(letter), color="white", markeredgecolor=color, zorder=3)
+                axes.annotate(
+                    letter, place, ha="center", va="center_baseline", fontsize=9 - 1.5 * len(letter), color=ink(color), zorder=4
+                )
             axes.set_title(result["name"], fontsize=9)
             axes.grid(True, which="major")
             axes.set(xscale="log", yscale="log", xlim=(0.6, 400), ylim=(FLOOR / 3, 3))
