@@ -148,7 +148,9 @@ def render_shadings(
                 f"the camera at {np.asarray(camera.eye).tolist()} is {where}: "
                 f"{int(behind.sum())} of {behind.size} vertices are behind it"
             )
-    return _render(mesh, camera, material, lights, background, {"shadings": tuple(shadings), "size": size, **options})
+    return _render(
+        mesh, camera, material, lights, jnp.asarray(background), {"shadings": tuple(shadings), "size": size, **options}
+    )
 
 
 def render_mesh(

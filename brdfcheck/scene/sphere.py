@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight
 from brdfcheck.scene.shading import AbstractMaterial, shade
-from brdfcheck.scene.values import Vector, backdrop_of, dot, scalar, spread, vector_of
+from brdfcheck.scene.values import Vector, backdrop_of, dot, spread, verified
 
 _USUAL_EYE = (0.0, 0.0, 5.0)
 
@@ -38,7 +38,8 @@ def sphere_image(
     contact sheet is one program too. Raises ValueError for a camera inside the sphere or bad values, and what `shade` raises.
     """
     size = checked_size(size)
-    center, radius = vector_of(center, "center", zero=True), scalar(radius, "radius", above=True)
+    center = verified(center, "center", -np.inf, shapes=[(3,)], what="three components, x, y and z")
+    radius = verified(radius, "radius", above=True, shapes=[()], what="one number")
     background = backdrop_of(background, size)
     eye = _USUAL_EYE if camera is None else camera.eye
     if not any(isinstance(part, Tracer) for part in (center, radius, eye)):

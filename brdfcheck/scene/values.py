@@ -23,6 +23,10 @@ TINY = 1e-18
 """Kept off exact zeros; its square is a normal float32 number."""
 
 
+# Of single precision.
+_LEAST, _LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+
+
 class Vector(NamedTuple):
     """Three components, whose shapes broadcast: arrays or Python numbers."""
 
@@ -90,7 +94,7 @@ def spread(color: Float[Array, "..."], dimensions: int) -> Float[Array, "..."]:
 
 def strong(array: Array) -> Array:
     """The array with a type of its own: 10 and 10.0 are the same to a compiled program."""
-    return array.astype(array.dtype)
+    return array.astype(array.dtype) if array.weak_type else array
 
 
 def shown(value: Any) -> str:
@@ -121,7 +125,7 @@ def _numbers(value: Any) -> Any:
     return array.astype(float)
 
 
-def checked(
+def verified(
     value: Any,
     name: str,
     low: float = 0.0,
@@ -130,15 +134,14 @@ def checked(
     above: bool = False,
     shapes: Sequence[tuple[int | None, ...]] = (),
     what: str = "a number",
-) -> Array:
-    """`value` as an array leaf: a traced value stays as it is, numbers take JAX's default precision.
+) -> Any:
+    """`value` as an array: one of JAX or traced stays as it is, numbers are in numpy, ready for a compiled program.
 
     ValueError, in one line, for what is not numbers of one of the `shapes` (None: any length; no shapes: any shape), which
     the message calls `what`; for what is not finite in single precision; for what is outside [low, high], or with `above` is
     low itself or not told from it in single precision. Traced values are not checked.
     """
-    single = np.finfo(np.float32)
-    range_of_single = f"finite in single precision, <= {single.max:.3g}"
+    range_of_single = f"finite in single precision, <= {_LARGEST:.3g}"
 
     def refusal(allowed: str, bad: np.ndarray | None = None) -> ValueError:
         row = -1 if bad is None or bad.ndim != 2 else int(np.argmax(np.any(bad, axis=1)))
@@ -158,15 +161,20 @@ def checked(
         raise refusal(what)
     if not isinstance(array, Tracer):
         numbers = np.asarray(array).astype(float)
-        good = (numbers >= (low + float(single.tiny) if above else low)) & (numbers <= high) & np.isfinite(numbers)
+        good = (numbers >= (low + _LEAST if above else low)) & (numbers <= high) & np.isfinite(numbers)
         if not np.all(good):
             bounds = [f"{'>' if above else '>='} {low:g}"] if low > -np.inf else []
             bounds += [f"<= {high:g}"] if high < np.inf else []
             raise refusal(" and ".join(["finite", *bounds]), ~good)
-        large = np.abs(numbers) > single.max
+        large = np.abs(numbers) > _LARGEST
         if np.any(large):
             raise refusal(range_of_single, large)
-    return strong(jnp.asarray(array))
+    return strong(array) if isinstance(array, jax.Array) else array
+
+
+def checked(value: Any, name: str, low: float = 0.0, high: float = np.inf, **options: Any) -> Array:
+    """`verified`, as an array leaf: numbers take JAX's default precision."""
+    return jnp.asarray(verified(value, name, low, high, **options))
 
 
 def scalar(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Float[Array, ""]:
@@ -183,16 +191,14 @@ def color_of(value: Any, name: str, high: float = np.inf) -> Float[Array, " 3"]:
 def vector_of(value: Any, name: str, *, zero: bool = False) -> Float[Array, " 3"]:
     """`checked`, three components; ValueError, unless `zero`, for length 0 in single precision."""
     array = checked(value, name, -np.inf, shapes=[(3,)], what="three components, x, y and z")
-    if not zero and not isinstance(array, Tracer):
-        tiny = np.finfo(np.float32).tiny
-        if np.max(np.abs(np.asarray(array))) < tiny:
-            raise ValueError(f"{name} must not have length 0, in single precision at least {tiny:.3g}; got {shown(value)}")
+    if not zero and not isinstance(array, Tracer) and np.max(np.abs(np.asarray(array))) < _LEAST:
+        raise ValueError(f"{name} must not have length 0, in single precision at least {_LEAST:.3g}; got {shown(value)}")
     return array
 
 
-def backdrop_of(value: Any, size: tuple[int, int]) -> Array:
-    """`checked`, what is behind an object: a number or RGB, linear, >= 0, or an image (3, height, width)."""
+def backdrop_of(value: Any, size: tuple[int, int]) -> Any:
+    """`verified`, what is behind an object: a number or RGB, linear, >= 0, or an image (3, height, width)."""
     what = f"a number, RGB or an image of shape {(3, *size)}"
-    array = checked(value, "background", -np.inf, shapes=[(), (3,), (3, *size)], what=what)
+    array = verified(value, "background", -np.inf, shapes=[(), (3,), (3, *size)], what=what)
     # Images may come from the artistic models, which go below 0 under strong lights.
-    return array if array.ndim > 1 else checked(value, "background")
+    return array if array.ndim > 1 else verified(value, "background")
