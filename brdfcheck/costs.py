@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -66,6 +69,24 @@ def _count(jaxpr: Any) -> Counter[str]:
     return +total
 
 
+def elements(traced: Any) -> Counter[str]:
+    """Elements that a traced program (of `jax.make_jaxpr`) computes, by primitive; loops as often as they run.
+
+    Raises ValueError for a loop without a fixed count.
+    """
+    total: Counter[str] = Counter()
+    for equation in getattr(traced, "jaxpr", traced).eqns:
+        inner = [part for part in equation.params.values() if hasattr(part, "eqns") or hasattr(part, "jaxpr")]
+        if equation.primitive.name == "while":
+            raise ValueError("a loop of the program has no fixed count")
+        for part in inner:
+            for name, count in elements(part).items():
+                total[name] += count * int(equation.params.get("length", 1))
+        if not inner:
+            total[equation.primitive.name] += sum(int(np.prod(variable.aval.shape)) for variable in equation.outvars)
+    return total
+
+
 class Kernel(NamedTuple):
     """What `nanoseconds` times: a function of (values, *constants), elementwise, and the constants, traced numbers."""
 
@@ -116,6 +137,60 @@ def nanoseconds(
         name: Time(scale * float(np.sum(np.min(t, 0))), scale * float(np.median(np.sum(t, 1))), len(t))
         for name, t in taken.items()
     }
+
+
+def gain(kernel: Kernel, threads: int, evaluations: int, dtype: Any, *, rounds: int, value: float = 0.5) -> float:
+    """How much more of a function so many threads get done together than one by itself: the most that sharing out can give.
+
+    Two cores that are one core's hyperthreads, or that others use, give less than 2.
+    """
+    blocks = -(-evaluations // (_BLOCK * _UNROLLED))
+    program, constants = _program(kernel.function, blocks), tuple(jnp.asarray(x, dtype) for x in kernel.constants)
+    first, stride = jnp.full(_BLOCK, value, dtype), jnp.zeros((), dtype)
+
+    def once(_: int = 0) -> None:
+        program(first, stride, constants).block_until_ready()
+
+    with ThreadPoolExecutor(threads) as pool:
+        alone = fastest(once, rounds)
+        return threads * alone / fastest(lambda: list(pool.map(once, range(threads))), rounds)
+
+
+def fastest(job: Callable[[], object], rounds: int) -> float:
+    """Seconds of the fastest round, after the two in which programs are compiled. `job` returns when all is done."""
+    times = []
+    for _ in range(rounds + 2):
+        began = time.perf_counter()
+        job()
+        times.append(time.perf_counter() - began)
+    return min(times[2:])
+
+
+def cores() -> list[int]:
+    """The cores that this process may use."""
+    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+
+
+@contextlib.contextmanager
+def on_one_core() -> Iterator[None]:
+    """Bind every thread of this process to one core: those of XLA too, which it started on all of them.
+
+    Where the system cannot do that, nothing happens.
+    """
+    before = cores()
+    _bind(before[:1])
+    try:
+        yield
+    finally:
+        _bind(before)
+
+
+def _bind(some: Iterable[int]) -> None:
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    for thread in os.listdir("/proc/self/task"):
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            os.sched_setaffinity(int(thread), set(some))
 
 
 def _program(function: Callable[..., Any], blocks: int) -> Callable[..., Any]:

@@ -27,6 +27,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck import catalog, directional
@@ -148,13 +149,16 @@ def _power_block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _PowerPl
     ends = prepare(form, powers.measure, powers.power, powers.reciprocal_ends.T.ravel())
     coefficients = powers.coefficients.T
 
-    def column(mu: Array) -> tuple[Array, Array]:
-        value, error = truncated_powers(form, powers.measure, powers.power, ends, mu, (plan.fine, plan.coarse))
-        value, error = (part.reshape(terms, -1) for part in (value, error))
-        return jnp.sum(value * coefficients, axis=0), jnp.sum(error * jnp.abs(coefficients), axis=0)
+    def column(mu: Array) -> tuple[Array, Array, Array]:
+        value, relative, doubt = truncated_powers(form, powers.measure, powers.power, ends, mu, (plan.fine, plan.coarse))
+        return value.reshape(terms, -1), relative, jnp.sum(doubt.reshape(terms, -1) * jnp.abs(coefficients), axis=0)
 
-    value, error = (part.T for part in jax.lax.map(column, mu))
-    return value, error / value + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
+    # What is left is done outside of the loop, where the terms lie in memory: see `truncated_powers`.
+    parts, relative, doubt = jax.lax.map(column, mu)
+    parts = parts * coefficients
+    value = jnp.sum(parts, axis=1)
+    error = (relative[:, None] * jnp.sum(jnp.abs(parts), axis=1) + doubt) / value
+    return value.T, error.T + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
 
 
 @eqx.filter_jit
@@ -225,14 +229,17 @@ def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, col
 
     `same` tells programs apart; `column`: what one column costs, in cells with shared nodes.
     """
-    cores = _cores() if jax.default_backend() == "cpu" else 1
+    # Within a program that is being traced (a sweep's) there is nothing to share out.
+    cores = _cores() if jax.default_backend() == "cpu" and not isinstance(mu, Tracer) else 1
     parts = min(cores, mu.size, mu.size * column // _LEAST)
     if parts < 2:
         return program(mu)
     # Parts of one length share one program: the last one may overlap the one before.
     length = -(-mu.size // parts)
     starts = [min(part * length, mu.size - length) for part in range(parts)]
-    pieces = [mu[start : start + length] for start in starts]
+    # Cut and joined by numpy: each step of JAX outside of a program takes a tenth of a millisecond.
+    host = np.asarray(mu)
+    pieces = [jnp.asarray(host[start : start + length]) for start in starts]
     try:
         fresh = (same, length, mu.dtype.name) not in _seen
         while len(_seen) >= _SEEN:
@@ -249,13 +256,17 @@ def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, col
             with double_precision(double):
                 return jax.block_until_ready(program(piece))
 
-        results = list(_pool(cores).map(run, pieces))
+        # This thread takes a share itself: waking another one costs as much as a thousand cells.
+        others = [_pool(cores).submit(run, piece) for piece in pieces[1:]]
+        results = [run(pieces[0]), *(other.result() for other in others)]
     drop = [0] + [max(0, before + length - start) for before, start in itertools.pairwise(starts)]
 
     def joined(*columns: Any) -> Any:
         if getattr(columns[0], "ndim", 0) < 2:  # a count
             return columns[0]
-        return jnp.concatenate([column[:, skip:] for column, skip in zip(columns, drop, strict=True)], axis=1)
+        return jnp.asarray(
+            np.concatenate([np.asarray(column)[:, skip:] for column, skip in zip(columns, drop, strict=True)], axis=1)
+        )
 
     return tuple(joined(*columns) for columns in zip(*results, strict=True))
 

@@ -272,8 +272,12 @@ def _chebyshev_sum(coefficients: list[Array], x: Array) -> Array:
 
 def truncated_powers(
     form: Form, measure: Measure, power: int, ends: Ends, cos_theta: Float[Array, ""], orders: tuple[MomentOrder, MomentOrder]
-) -> tuple[Float[Array, " ends"], Float[Array, " ends"]]:
-    """H at all ends for one cosine, and a bound on its error but for a few roundings."""
+) -> tuple[Float[Array, " ends"], Float[Array, ""], Float[Array, " ends"]]:
+    """H at all ends for one cosine, and its error but for a few roundings: at most relative * H + absolute.
+
+    The two parts are for the caller to put together outside of the loop over cosines: the compiler joins every use of H with
+    the sum that makes it, and would do that sum a second time.
+    """
     at = _geometry(form, measure, cos_theta)
     fine, coarse = orders
     above = jax.lax.optimization_barrier(ends.versine - at.versine)
@@ -333,4 +337,4 @@ def truncated_powers(
     outside, inside = at.end * ends.reciprocal < 1, above <= 0
     result = jax.lax.optimization_barrier(jnp.where(outside, beyond, jnp.where(inside, full, cut)))
     error = 4 * error + _FAR_ROUNDING * float(jnp.finfo(at.mu.dtype).eps)
-    return result, error * result + jnp.where(outside | inside, 0, doubt)
+    return result, error, jnp.where(outside | inside, 0, doubt)
