@@ -117,10 +117,10 @@ def from_json_object(record: Mapping[str, Any]) -> Report:
     )
 
 
-def versions() -> dict[str, str]:
-    """The versions that a result may depend on."""
+def versions(*packages: str) -> dict[str, str]:
+    """The versions that a result may depend on; `packages`: of other packages that took part in it."""
     found = {"brdfcheck": brdfcheck.__version__, "python": platform.python_version()}
-    for package in ("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix", "lineax"):
+    for package in dict.fromkeys(("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix", "lineax", *packages)):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
@@ -142,16 +142,21 @@ def device() -> dict[str, Any]:
 
 
 def document(
-    command: str, results: Sequence[Mapping[str, Any]], *, settings: Mapping[str, Any], summary: Mapping[str, Any]
+    command: str,
+    results: Sequence[Mapping[str, Any]],
+    *,
+    settings: Mapping[str, Any],
+    summary: Mapping[str, Any],
+    packages: Iterable[str] = (),
 ) -> dict[str, Any]:
-    """The whole record of a command: schema, settings, versions, device, results, summary."""
+    """The whole record of a command: schema, settings, versions, device, results, summary. `packages` as for `versions`."""
     return {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
         "command": command,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "settings": dict(settings),
-        "versions": versions(),
+        "versions": versions(*packages),
         "device": device(),
         "summary": dict(summary),
         "results": list(results),

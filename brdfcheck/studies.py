@@ -1,9 +1,10 @@
 """Studies: one question each, answered by a run, a figure and a page of numbers, kept in a folder of reports.
 
 A study is a file with a docstring (question, command, answer) and three functions: ``run(size)`` gives what was measured
-(`settings`, `results`, `summary`: plain numbers), ``plot(record)`` the figure and ``summary(record)`` the page. This module
-finds the studies, runs them and writes ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery. A
-fourth function, ``pictures(record)``, may give more files that the page shows: their bytes by name.
+(`settings`, `results`, `summary`: plain numbers; `packages`: names of others that took part, for their versions),
+``plot(record)`` the figure and ``summary(record)`` the page. This module finds the studies, runs them and writes
+``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery. A fourth function, ``pictures(record)``, may
+give more files that the page shows: their bytes by name.
 """
 
 from __future__ import annotations
@@ -89,6 +90,7 @@ def record_of(study: Study, size: str) -> dict[str, Any]:
         measured["results"],
         settings={"size": size, **measured.get("settings", {}), "precision": "float64"},
         summary={**measured.get("summary", {}), "seconds": seconds},
+        packages=measured.get("packages", ()),
     )
     return {**record, "study": study.name, "question": study.question, "answer": study.answer}
 

@@ -189,3 +189,10 @@ def test_read_only_places_are_refused(tmp_path: Path) -> None:
         assert records.refuse_output(str(tmp_path / "out.json")) is not None
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_versions_of_others_that_took_part() -> None:
+    found = records.document("test", [], settings={}, summary={}, packages=("pytest", "no-such-package"))["versions"]
+    assert found["pytest"] == pytest.__version__
+    assert found["no-such-package"] == "unknown"
+    assert "pytest" not in records.versions()

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import time
+from typing import Any, ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from brdfcheck.lobes import Phong
-from brdfcheck.peers import PEERS
+from brdfcheck.peers import PEERS, AbstractPeer
 from brdfcheck.plots import precision
 from brdfcheck.quadrature import RULES
+from brdfcheck.quadrature.rule import Raw
 from brdfcheck.work_precision import Case, measure, measure_all, single
 
 SMOOTH = Case("smooth", "Phong", Phong(10.0), 10.0, 0.7, 0.3666790309883656274900)
@@ -51,6 +55,53 @@ def test_chance_is_the_middle_of_some_runs():
     assert point.error == pytest.approx(sorted(errors)[2], rel=1e-9)
 
 
+class Compiling(AbstractPeer):
+    """A peer that takes long the first time that it is called."""
+
+    seconds: float = eqx.field(static=True)
+    name: ClassVar[str] = "compiling"
+    family: ClassVar[str] = "peers"
+    package: ClassVar[str] = "numpy"
+    ladder: ClassVar[tuple[Any, ...]] = (0.3, 0.31)
+    needs: ClassVar[str] = "anything"
+    random: ClassVar[bool] = False
+    on_host: ClassVar[bool] = True
+    called: ClassVar[list[float]] = []
+
+    @classmethod
+    def missing(cls) -> str | None:
+        return None
+
+    def applies(self, core, cos_theta):
+        return True
+
+    def compute(self, core, mu, key):
+        if self.seconds not in self.called:
+            self.called.append(self.seconds)
+            time.sleep(self.seconds)
+        return Raw(SMOOTH.reference, 0.0, 1)
+
+
+def test_what_a_peer_compiles_is_not_its_warm_time():
+    points = measure_all([Compiling], SMOOTH, most_seconds=0.02)
+    assert [point.setting for point in points] == [0.3, 0.31]  # a ladder does not end where something is compiled
+    for point in points:
+        assert point.warm_seconds < 0.15
+        assert point.compile_seconds > 0.15
+    assert points[0].versions["numpy"] == np.__version__
+
+
+@pytest.mark.peers
+@pytest.mark.filterwarnings("default")
+def test_quadax_is_warm_when_it_is_timed():
+    message = PEERS["quadax-cubature"].missing()
+    if message is not None:
+        pytest.skip(message)
+    point = measure(PEERS["quadax-cubature"](1e-3), SMOOTH, budget=0.1)
+    assert point.compile_seconds > 4 * point.warm_seconds
+    assert point.versions["quadax"][0].isdigit()
+
+
 def test_rules_that_do_not_take_a_case_are_left_out():
     points = measure_all([RULES["half-vector"], RULES["zonal"]], SMOOTH, settings=2)
     assert {point.rule for point in points} == {"zonal"}
@@ -75,7 +126,24 @@ def test_the_reference_is_no_contender():
 def test_the_frontier():
     points = [(1.0, 1e-2), (2.0, 1e-1), (3.0, 1e-5), (3.0, 1e-7), (4.0, float("nan")), (5.0, 1e-6)]
     assert precision.frontier(points) == [(1.0, 1e-2), (3.0, 1e-7)]
+    # No digit is no place on it, and which error below the rounding is smallest is luck.
+    lucky = [(0.5, 1.0), (1.0, 1e-2), (2.0, 3e-16), (3.0, 1e-17)]
+    assert precision.frontier(lucky, 1e-15, 0.5) == [(1.0, 1e-2), (2.0, 1e-15)]
 
 
 def test_every_rule_and_peer_has_a_colour():
-    assert set(precision.RULES) >= {*RULES, *PEERS}
+    assert set(precision.RULES) == {*RULES, *PEERS}
+    assert set(PEERS) == precision.PEERS
+    assert len(set(precision.RULES.values())) == len(precision.RULES)  # no two look alike
+
+
+def test_labels_are_moved_apart():
+    """Far ones stay; a bunch spreads about its middle, and a bunch that grows into its neighbour takes it in."""
+    places = precision.apart([1.0, 10.0, 10.5, 11.0, 1000.0], 1.5)
+    assert places[0] == pytest.approx(1)
+    assert places[-1] == pytest.approx(1000)
+    assert np.all(np.diff(np.log(places)) >= np.log(1.5) * (1 - 1e-12))
+    assert np.prod(places[1:4]) == pytest.approx(10 * 10.5 * 11)
+    found = precision.label_places([(1.0, 2.0, "a"), (3.0, 2.1, "a"), (5.0, 2.0, "b")], {"a": max}, 1.2)
+    assert [x for x, _ in found] == [3.0, 3.0, 5.0]
+    assert found[1][1] / found[0][1] == pytest.approx(1.2)

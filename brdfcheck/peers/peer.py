@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import importlib
-import importlib.metadata
 import importlib.util
 import math
 from collections.abc import Callable
@@ -62,14 +61,6 @@ def not_installed(package: str) -> str | None:
 def load(package: str) -> ModuleType:
     """The package itself."""
     return importlib.import_module(package)
-
-
-def version(package: str) -> str:
-    """The installed version of `package`, for records; "" where there is none."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
 
 
 class Integrand:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck import plots
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colour and marker of each rule, for life: families share a colour. Peers are hollow.
+# Colour and marker of each rule, for life: rules of one family of ours share a colour. Peers are hollow.
 RULES: dict[str, tuple[str, str]] = {
     "uniform-monte-carlo": ("#CC79A7", "v"),
     "cosine-monte-carlo": ("#CC79A7", "^"),
@@ -25,28 +25,65 @@ RULES: dict[str, tuple[str, str]] = {
     "tanh-sinh": ("#999999", "d"),
     "adaptive": ("#0072B2", "o"),
     "zonal": ("#D55E00", "*"),
-    "half-vector": ("#D55E00", "*"),
+    "half-vector": ("#8C2D04", "p"),
     "closed-form": ("#000000", "X"),
-    "scipy-quad": ("#117733", "1"),
-    "scipy-dblquad": ("#117733", "2"),
-    "scipy-cubature": ("#117733", "3"),
-    "quadax-nested": ("#332288", "1"),
-    "quadax-cubature": ("#332288", "2"),
-    "torchquad-gauss": ("#AA4499", "1"),
-    "mitsuba": ("#661100", "1"),
+    "scipy-quad": ("#117733", "^"),
+    "scipy-dblquad": ("#44AA99", "s"),
+    "scipy-cubature": ("#808000", "D"),
+    "quadax-nested": ("#332288", "o"),
+    "quadax-cubature": ("#6666CC", "h"),
+    "torchquad-gauss": ("#AA4499", "P"),
+    "mitsuba": ("#661100", "v"),
 }
+PEERS = frozenset(
+    ("scipy-quad", "scipy-dblquad", "scipy-cubature", "quadax-nested", "quadax-cubature", "torchquad-gauss", "mitsuba")
+)
 # Where errors below the rounding of a double are drawn.
 FLOOR = 1e-17
+_NO_DIGIT = 0.5
+# Sixteen units in the last place: which error below is the smallest is luck.
+ROUNDING = {"float64": 2.0**-48, "float32": 2.0**-19}
 _COSTS = {"warm_seconds": "seconds for one albedo, warm", "evaluations": "evaluations of the BRDF"}
 
 
-def frontier(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The points (cost, error) that no other one beats in both, by rising cost."""
+def frontier(points: Sequence[tuple[float, float]], rounding: float = 0.0, most: float = math.inf) -> list[tuple[float, float]]:
+    """The points (cost, error) that no other one beats in both, by rising cost; errors above `most` do not count.
+
+    Which of several errors below `rounding` is the smallest is luck: they count as equal.
+    """
     kept: list[tuple[float, float]] = []
-    for cost, error in sorted(points):
-        if math.isfinite(error) and (not kept or error < kept[-1][1]):
+    for cost, error in sorted((cost, max(error, rounding)) for cost, error in points if math.isfinite(error) and error <= most):
+        if not kept or error < kept[-1][1]:
             kept.append((cost, error))
     return kept
+
+
+def apart(rising: Sequence[float], factor: float) -> list[float]:
+    """Numbers on a logarithmic axis moved apart to a factor at least: neighbours keep the middle of their bunch."""
+    gap = math.log(factor)
+    bunches: list[tuple[float, int]] = []  # the middle of its logarithms, how many
+    for value in rising:
+        middle, count = math.log(value), 1
+        while bunches and middle - bunches[-1][0] < gap * (count + bunches[-1][1]) / 2:
+            before, more = bunches.pop()
+            middle, count = (before * more + middle * count) / (more + count), more + count
+        bunches.append((middle, count))
+    return [math.exp(middle + gap * (i - (count - 1) / 2)) for middle, count in bunches for i in range(count)]
+
+
+def label_places(
+    points: Sequence[tuple[float, float, str]], columns: Mapping[str, Callable[[Iterable[float]], float]], factor: float
+) -> list[tuple[float, float]]:
+    """Where to label points (x, y, kind) on a logarithmic y axis: there; of the kinds in `columns` at one x, moved `apart`.
+
+    `columns`: which x of a kind's points is that of its column, `min` or `max`.
+    """
+    places = [(x, y) for x, y, _ in points]
+    for kind, column in columns.items():
+        own = sorted((y, i) for i, (_, y, of) in enumerate(points) if of == kind)
+        for (_, i), y in zip(own, apart([y for y, _ in own], factor), strict=True):
+            places[i] = (column(points[j][0] for _, j in own), y)
+    return places
 
 
 def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", columns: int = 3) -> Figure:
@@ -59,7 +96,7 @@ def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", col
     cases = list(dict.fromkeys(record["case"] for record in records))
     lines = -(-len(cases) // columns)
     columns = min(columns, len(cases))
-    drawn = plots.empty(3.3 * columns + 0.4, 2.75 * lines + 1.5)
+    drawn = plots.empty(3.3 * columns + 0.4, 2.75 * lines + 0.4)
     with plots.house_style():
         grid = drawn.subplots(lines, columns, squeeze=False, sharey=True)
         for axes, case in zip(grid.flat, cases, strict=False):
@@ -72,28 +109,48 @@ def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", col
         for axes in list(grid.flat)[max(len(cases) - columns, 0) : len(cases)]:
             axes.set_xlabel(_COSTS[cost], fontsize=9)
         names = [name for name in RULES if any(record["rule"] == name for record in records)]
-        handles = [
-            Line2D([], [], color=RULES[name][0], marker=RULES[name][1], linewidth=1, markersize=6, label=name) for name in names
-        ]
+        handles = [Line2D([], [], linewidth=1, markersize=6, label=name, **_look(name)) for name in names]
         handles.append(Line2D([], [], color="black", linewidth=2.6, alpha=0.8, label="Pareto frontier"))
-        drawn.legend(handles=handles, loc="lower center", ncols=min(5, len(handles)), fontsize=8, frameon=False)
-        drawn.tight_layout(rect=(0, (0.15 + 0.21 * -(-len(handles) // 5)) / (2.75 * lines + 1.5), 1, 1))
+        look: dict[str, Any] = {"handles": handles, "fontsize": 8, "frameon": False}
+        if empty := list(grid.flat)[len(cases) :]:
+            drawn.tight_layout()
+            first, last = empty[0].get_position(), empty[-1].get_position()
+            place = (first.x0, first.y0, last.x1 - first.x0, first.height)
+            drawn.legend(loc="center", bbox_to_anchor=place, ncols=min(len(empty), 3) if len(empty) > 1 else 2, **look)
+        else:
+            drawn.set_figheight(2.75 * lines + 1.5)
+            drawn.legend(loc="lower center", ncols=min(5, len(handles)), **look)
+            drawn.tight_layout(rect=(0, (0.15 + 0.21 * -(-len(handles) // 5)) / (2.75 * lines + 1.5), 1, 1))
     return drawn
+
+
+def _look(name: str) -> dict[str, Any]:
+    color, marker = RULES[name]
+    return {"color": color, "marker": marker, "markerfacecolor": "white" if name in PEERS else color}
 
 
 def _panel(axes: Axes, records: Sequence[Mapping[str, Any]], cost: str) -> None:
     points: list[tuple[float, float]] = []
-    for name, (color, marker) in RULES.items():
+    for name in RULES:
         own = [
             (max(float(record[cost]), 1.0 if cost == "evaluations" else 0.0), max(float(record["error"]), FLOOR))
             for record in records
             if record["rule"] == name and math.isfinite(float(record["error"]))
         ]
         if own:
-            axes.plot(*zip(*own, strict=True), color=color, marker=marker, markersize=4.5, linewidth=0.8, alpha=0.75)
+            axes.plot(*zip(*own, strict=True), markersize=4.5, linewidth=0.8, alpha=0.75, **_look(name))
             points += own
-    best = frontier(points)
-    axes.plot(*zip(*best, strict=True), color="black", linewidth=2.6, alpha=0.8, zorder=1, drawstyle="steps-post")
+    best = frontier(points, ROUNDING[records[0]["dtype"]], _NO_DIGIT)
+    axes.plot(
+        *zip(*best or [(1.0, math.nan)], strict=True),
+        color="black",
+        linewidth=2.6,
+        alpha=0.8,
+        zorder=1,
+        drawstyle="steps-post",
+        marker="s",
+        markersize=3,
+    )
     axes.set(xscale="log", yscale="log", ylim=(FLOOR / 3, 30))
     axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1], [_power(place) for place in (-16, -12, -8, -4, 0)])
     axes.set_yticks([], minor=True)
