@@ -28,7 +28,7 @@ ROWS = {
     "codes": ("8-bit steps", 0.4, 250, (1, 3, 10, 30, 100)),
     "energy": ("energy error\n|E − 1|, mirror form", 2e-3, 12, (0.01, 0.1, 1)),
 }
-
+SHIFTS, COLUMNS = {"right": (-5, 0), "left": (5, 0), "center": (0, 7)}, {"binomial power": min, "Lyon": max}  # of labels
 KINDS = {
     "Phong": "cⁿ by exp and log; hollow: n whole and compiled in", "Schlick": "Schlick", "Lyon": "Lyon, w",
     "Kuijk-Blake": "Kuijk-Blake, acos of the library (at the edge) or a polynomial", "binomial power": "binomial power, k",
@@ -63,15 +63,16 @@ def run(size: str = "full") -> dict[str, Any]:
                 "errors": {**lobe_error.errors(form, n, samples), "energy": abs(energies["mirror"][i] - 1)},
                 "energies": {name: values[i] for name, values in energies.items()},
             })  # fmt: skip
-    references = {name: {dtype: times[dtype][name][0] for dtype in times} for name in lobe_error.REFERENCES}
-    settings = {"evaluations": evaluations, "rounds": rounds, "angles": samples, "exponents": list(EXPONENTS)}
-    summary = {"nanoseconds": references, "claims": lobe_error.claims(results) if full else [["-", "1.00", "-"]]}
+    single = {name: {dtype: times[dtype][name][0] for dtype in times} for name in lobe_error.REFERENCES}
+    summary = {"nanoseconds": single, "claims": lobe_error.claims(results) if full else [["-", "1.00", "-"]]}
+    settings = {"evaluations": evaluations, "rounds": rounds, "angles": samples, "exponents": EXPONENTS}
     return {"settings": settings, "results": results, "summary": summary}
 
 
 def plot(record: dict[str, Any]) -> Any:
     """A column an exponent, a row an error: the frontier of what no other formula beats is bold."""
     from brdfcheck import plots
+    from brdfcheck.plots import precision
     from brdfcheck.plots.styles import LOBES, ink
 
     loop = record["summary"]["nanoseconds"]["loop alone"]["float32"]
@@ -82,20 +83,19 @@ def plot(record: dict[str, Any]) -> Any:
             axes, results = grid[i][j], [result for result in record["results"] if result["n"] == n]
             label, least, ceiling, ticks = ROWS[row]
             points = [(min(r["nanoseconds"]["float32"], MOST), max(r["errors"][row], least), r) for r in results]
-            frontier = [(0.0, float("inf"))]
-            for x, y, result in sorted(points, key=lambda point: point[:2]):
-                if y < frontier[-1][1] and not result["fixed"]:
-                    frontier.append((x, y))
-            axes.plot(*zip(*frontier[1:], strict=True), color="#888888", linewidth=3, alpha=0.5, zorder=1)
+            best = precision.frontier([(x, y) for x, y, result in points if not result["fixed"]])
+            axes.plot(*zip(*best, strict=True), color="#888888", linewidth=3, alpha=0.5, zorder=1)
             axes.axvline(loop, color="#888888", linewidth=0.8, dashes=(3, 2))
-            for x, y, result in points:
-                color, marker = LOBES[result["kind"]]
+            where = [(x, y, r["kind"]) for x, y, r in points]
+            places = precision.label_places(where, COLUMNS, (ceiling / least) ** 0.075)
+            for (x, y, result), place in zip(points, places, strict=True):
+                color, marker = LOBES[kind := result["kind"]]
                 look = {"color": "white" if result["fixed"] else color, "markeredgecolor": color, "markersize": 5}
                 axes.plot(x, y, marker=">" if x == MOST else marker, clip_on=False, zorder=3, **look)
-                left = x == MOST or result["kind"] == "binomial power"
                 text = result["label"] + (f" {result['nanoseconds']['float32']:.0f} ns" if x == MOST else "")
-                look = {"ha": "right" if left else "left", "va": "center", "fontsize": 6.5, "color": ink(color)}
-                axes.annotate(text, (x, y), (-5 if left else 5, 0), textcoords="offset points", **look)
+                side = "right" if x == MOST or kind == "binomial power" else "center" if kind == "Schlick" else "left"
+                look = {"ha": side, "va": "center", "fontsize": 6.5, "color": ink(color)}
+                axes.annotate(text, place, SHIFTS[side], textcoords="offset points", **look)
             axes.set(xscale="log", yscale="log", xlim=(loop / 1.1, MOST), ylim=(least / 1.8, ceiling))
             axes.set_xticks([0.05, 0.1, 0.2, 0.5, 1], ["0.05", "0.1", "0.2", "0.5", "1"])
             axes.set_yticks([least, *ticks], ["0", *(plots.text_of(tick) for tick in ticks)])
