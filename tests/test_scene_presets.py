@@ -61,6 +61,12 @@ def test_more_samples_smooth_the_edge_and_nothing_else():
     assert high[0].sum() == pytest.approx(np.pi * (24 / 2.1) ** 2, rel=2e-3)
 
 
+def test_progress_counts_pictures():
+    seen = []
+    presets.render_preset("figure-6", 5, "draft", seen.append)
+    assert seen == [1, 2, 3, 4, 5]
+
+
 # --- numbers behind the figures ---
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -46,6 +47,8 @@ class Canvas:
 
     side: int
     samples: int = 2
+    done: Callable[[], None] = lambda: None
+    """Called after each picture."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -54,7 +57,9 @@ class Canvas:
 
     def mean(self, image: Any) -> Image:
         """The mean of the samples of each pixel, in linear light."""
-        return averaged(image, self.samples)
+        mean = averaged(image, self.samples)
+        self.done()
+        return mean
 
     def sphere(self, material: Any, lights: Any, camera: Any = None, **options: Any) -> Image:
         return self.mean(sphere_image(material, lights, camera, size=self.size, **options))
@@ -98,9 +103,12 @@ def named(name: str) -> Preset:
     raise KeyError(f"unknown preset {name!r}; {hint}")
 
 
-def render_preset(name: str, size: int | None = None, quality: str = "normal") -> Image:
+def render_preset(
+    name: str, size: int | None = None, quality: str = "normal", progress: Callable[[int], None] = lambda count: None
+) -> Image:
     """The preset's picture, linear RGB as float32, `size` pixels the side of each square in it (None: its own).
 
+    `progress` is called with the number of pictures that are done, after each.
     KeyError for an unknown name, ValueError for a size that is none or a quality that is not one of `QUALITIES`.
     """
     preset = named(name)
@@ -108,7 +116,8 @@ def render_preset(name: str, size: int | None = None, quality: str = "normal") -
         raise ValueError(f"quality must be one of {', '.join(QUALITIES)}; got {quality!r}")
     side = preset.side if size is None else size
     checked_size((side, side))
-    return np.asarray(preset.make(Canvas(side, QUALITIES[quality])), np.float32)
+    count = itertools.count(1)
+    return np.asarray(preset.make(Canvas(side, QUALITIES[quality], lambda: progress(next(count)))), np.float32)
 
 
 # --- the seed's figures: Yokoi, Ito, Tsuruoka, Miyake ---
@@ -315,7 +324,9 @@ def _false_tile(name: str, parameters: Mapping[str, float], side: int, samples: 
 
 
 def _furnace_pair(canvas: Canvas, name: str, parameters: Mapping[str, float]) -> list[Image]:
-    return [make(name, parameters, canvas.side, canvas.samples) for make in (furnace_tile, _false_tile)]
+    pair = [make(name, parameters, canvas.side, canvas.samples) for make in (furnace_tile, _false_tile)]
+    canvas.done()
+    return pair
 
 
 def _numbers(parameters: Mapping[str, float]) -> str:
