@@ -315,8 +315,8 @@ def test_numbers_of_cameras_and_places_compile_nothing_however_they_are_written(
 
 @pytest.mark.slow
 def test_the_sphere_takes_a_twentieth_of_plain_numpy_and_thrice_its_floor():
-    # The twentieth is that of `numpy_shader.surface`, vectors (..., 3) and textbook formulas: 93 times the scene's time where it
-    # was measured. `tight_sphere`, which computes once what is the same in all pixels, takes 14 to 27 times as long as the scene.
+    # The twentieth is that of `numpy_shader.surface`, vectors (..., 3) and textbook formulas: 93 times the scene's time where
+    # it was measured. `tight_sphere`, which computes once what is the same in all pixels, takes 14 to 27 times the scene's.
     size = (512, 512)
     scene = Surface(MATT, GLOSSY), (SUN, SKY)
     cosines = jnp.linspace(1e-3, 1, 512 * 512, dtype=jnp.float32).reshape(size)
