@@ -385,7 +385,7 @@ def ball_trace(camera=None, size=(4, 4), **options):
     ("call", "error", "message"),
     [
         (lambda: Sphere((0, 0, np.nan), 1.0), ValueError, "center must be finite"),
-        (lambda: Sphere((0, 0), 1.0), ValueError, "center must have three components"),
+        (lambda: Sphere((0, 0), 1.0), ValueError, "center must be three components"),
         (lambda: Sphere((0, 0, 0), 0.0), ValueError, "radius must be finite and > 0"),
         (lambda: Sphere((0, 0, 0), 1.0, mirror=-0.1), ValueError, "mirror must be finite and >= 0"),
         (lambda: Sphere((0, 0, 0), 1.0, mirror=0.7, transparency=0.4), ValueError, "must add up to at most 1; got 0.7 and 0.4"),
