@@ -77,20 +77,18 @@ def plot(record: dict[str, Any]) -> Any:
                     best = place[1]
             axes.plot(*zip(*frontier, strict=True), color=color, linewidth=1.6, zorder=2)
             letters: dict[tuple[float, float], str] = {}
-            for rung, place in zip(result["rungs"], places, strict=True):  # an exact factor may be two forms in one place
+            for rung, place in zip(result["rungs"], places, strict=True):  # an exact factor may be two forms
                 letters[place] = letters.get(place, "") + LETTERS[rung["form"]]
             for place, letter in letters.items():
                 axes.plot(*place, marker="o", markersize=8 + 3 * len(letter), color="white", markeredgecolor=color, zorder=3)
-                axes.annotate(
-                    letter, place, ha="center", va="center_baseline", fontsize=9 - 1.5 * len(letter), color=ink(color), zorder=4
-                )
+                look = {"ha": "center", "va": "center_baseline", "color": ink(color), "zorder": 4}
+                axes.annotate(letter, place, fontsize=9 - 1.5 * len(letter), **look)
             axes.set_title(result["name"], fontsize=9)
             axes.grid(True, which="major")
             axes.set(xscale="log", yscale="log", xlim=(0.6, 400), ylim=(FLOOR / 3, 3))
             axes.set_xticks([1, 2, 3, 8, 12, 101], ["0", "1", "2", "7", "11", "100"], fontsize=7)
-            axes.set_xticks([], minor=True)
             axes.set_yticks([1e-7, 1e-6, 1e-4, 1e-2, 1], ["0", "0.0001 %", "0.01 %", "1 %", "100 %"])
-            axes.set_yticks([], minor=True)
+            axes.minorticks_off()
         spare = list(grid.flat)[len(results) :]
         for axes in spare:
             axes.axis("off")

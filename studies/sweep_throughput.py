@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""How many cells a second does a sweep compute, on one core and two, in one process and on a cluster?
+
+Command: ``brdfcheck study sweep_throughput`` (or ``python studies/sweep_throughput.py``). Under two minutes on two cores; the
+cluster's part needs the extra 'cluster'.
+
+Answer: 10^7 cells of a table take two seconds on one core (4 million a second) and are 1.4 times faster on two; cells of a
+microfacet lobe, 0.6 ms each, 1.7 times. From one worker of a cluster to two it is 1.3 times where the scheduler and the process
+that writes have the same two cores. Every worker compiles for itself, 4 to 7 seconds, so that a short sweep is slower there.
+
+Cheap cells: phong, 5000 exponents by 2000 cosines, a table. Dear cells: GGX, one by one. Local runs are processes on so many
+cores, with as many devices; they tell compiling apart. Workers have a thread each and run the sweep twice, into two stores; the
+second time they have compiled already.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
+LOCAL = """
+import json, os, sys
+cores, config, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+import brdfcheck
+from brdfcheck.sweep import Plan, fill, parse
+brdfcheck.use_x64()
+done = fill(Plan(parse(json.loads(config))), out)
+print(json.dumps([done.cells, done.seconds, done.compiling]))
+"""
+
+
+def run(size: str) -> dict[str, Any]:
+    """Cells, seconds and seconds of compiling of every way to run the two sweeps."""
+    (exponents, cosines), dear = SIZES[size]
+    table = {"brdf": "phong", "axes": {"n": {"geomspace": [1, 1000, exponents]}, "cos_theta": {"linspace": [0, 1, cosines]}}}
+    facets = {"brdf": "ggx", "axes": {"alpha": {"linspace": [0.1, 1, dear // 4]}, "cos_theta": [0.1, 0.4, 0.7, 1.0]}}
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+    results, skipped = [], []
+    with tempfile.TemporaryDirectory(prefix="brdfcheck-study-") as folder:
+        for cells, config in (("cheap", table), ("dear", facets)):
+            for count in (1, 2)[:cores]:
+                results.append(_local(cells, config, count, Path(folder, f"{cells}{count}")))
+        if cores < 2:
+            skipped.append("two cores: this machine has one")
+        try:
+            for count in (1, 2)[:cores]:
+                results.append(_cluster(facets, count, Path(folder)))
+        except ImportError:
+            skipped.append("the cluster: pip install 'brdfcheck[cluster]'")
+    rates = {f"{r['cells']}, {r['way']} {r['count']}": round(r["rate"], 1) for r in results}
+    return {"settings": {"cores": cores}, "results": results, "summary": {"cells_per_second": rates, "skipped": skipped}}
+
+
+def _row(cells: str, way: str, count: int, number: int, seconds: float, starting: float) -> dict[str, Any]:
+    rate = number / max(seconds - starting, 1e-9)
+    return {
+        "cells": cells,
+        "way": way,
+        "count": count,
+        "number": number,
+        "seconds": seconds,
+        "starting": starting,
+        "rate": rate,
+    }
+
+
+def _local(cells: str, config: dict[str, Any], count: int, out: Path) -> dict[str, Any]:
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={count}"
+    command = [sys.executable, "-c", LOCAL, str(count), json.dumps(config), str(out)]
+    done = subprocess.run(command, env={**os.environ, "XLA_FLAGS": flags}, capture_output=True, text=True, check=True)
+    return _row(cells, "cores", count, *json.loads(done.stdout))
+
+
+def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]:
+    """Workers on this machine. What the first of two runs takes longer is their compiling."""
+    from distributed import LocalCluster
+
+    from brdfcheck.sweep import Plan, fill, parse
+
+    plan, seconds = Plan(parse(config)), []
+    options = {"threads_per_worker": 1, "processes": True, "dashboard_address": ":0", "silence_logs": 50}
+    with contextlib.closing(LocalCluster(n_workers=count, **options)) as cluster:
+        for turn in range(2):
+            began = time.perf_counter()
+            fill(plan, folder / f"cluster{count}-{turn}", scheduler=cluster.scheduler_address)
+            seconds.append(time.perf_counter() - began)
+    return _row("dear", "workers", count, plan.cells, seconds[0], max(seconds[0] - seconds[1], 0.0))
+
+
+def plot(record: dict[str, Any]) -> Any:
+    """A bar for each way, one panel for the cheap cells and one for the dear ones."""
+    from brdfcheck import plots
+
+    figure = plots.empty(6.9, 2.9)
+    with plots.house_style():
+        panels = figure.subplots(1, 2)
+        for axes, cells in zip(panels, ("cheap", "dear"), strict=True):
+            rows = [result for result in record["results"] if result["cells"] == cells]
+            names, rates = [_name(row) for row in rows], [row["rate"] for row in rows]
+            colors = ["#56B4E9" if row["way"] == "workers" else "#0072B2" for row in rows]
+            bars = axes.barh(names, rates, color=colors, height=0.6)
+            axes.bar_label(bars, [f"{rate / 1e6:.2f} million" if rate > 1e6 else f"{rate:,.0f}" for rate in rates], padding=3)
+            axes.set(xlim=(0, 1.5 * max(rates)), xticks=[0], xlabel="cells a second, compiling apart")
+            axes.set_title({"cheap": "phong, a table", "dear": "GGX, cell by cell"}[cells], fontsize=10)
+            axes.invert_yaxis()
+        figure.tight_layout()
+    return figure
+
+
+def _name(row: dict[str, Any]) -> str:
+    return f"{row['count']} {row['way'] if row['count'] > 1 else row['way'].removesuffix('s')}"
+
+
+def summary(record: dict[str, Any]) -> str:
+    """The runs as a table, and what was left out."""
+    from brdfcheck.studies import table
+
+    rows = [
+        (f"{r['cells']}: {r['number']}", _name(r), f"{r['seconds']:.2f}", f"{r['starting']:.2f}",
+         f"{r['rate']:.4g}", f"{r['rate'] / r['count']:.4g}")
+        for r in record["results"]
+    ]  # fmt: skip
+    text = table(("cells", "on", "seconds in all", "of it compiling", "cells a second", "a second and core"), rows)
+    return text + "".join(f"\n\nLeft out: {part}." for part in record["summary"]["skipped"])
+
+
+if __name__ == "__main__":
+    from brdfcheck.studies import main
+
+    main(__file__)
