@@ -1,91 +1,70 @@
 #!/usr/bin/env python3
 """How far are the ways to an albedo from what this machine can do?
 
-Command: ``brdfcheck study limit`` (or ``python studies/limit.py``). Half a minute on two cores once it is compiled.
+Command: ``brdfcheck study limit`` (or ``python studies/limit.py``). A minute on two cores once it is compiled.
 
-Answer: tables of smooth lobes take 1 to 2.3 times their exps, 20 to 42 exps a cell, error estimate included; truncated powers 4
-to 15 times their multiplications; Beckmann metal 10 to 16 times the exps of its needle (masking wants a root, an erf and a
-division besides): 33 ms for 1,024 cells at 5e-10. The second core gives 1.9 times for metal, 1.3 to 1.7 for tables of 5 ms.
+Answer: 40 exps a cell are met by tables of powers (33, 35) and Schlick's lobe (18) and missed by the 16th power (45), Lyon's
+(66 to 78) and Kuijk-Blake's: beside its evaluations a cell takes a log, three roots and a sum of 41 terms at each end. Beckmann
+metal takes 33 ms for 1,024 cells at 5e-10, an eightieth of the peer's time; but the peer's error is 4e-11, not the 7e-9 of a
+coarser reference, and at a tenth of that ours takes a thirtieth, not a fiftieth. The second core gains 1.9 times for metal,
+less for tables of 5 ms. At rtol 1e-4 and 1e-5 metal takes longer than at 1e-6: XLA joins small kernels so that an evaluation takes
+45 ns, not 14.
 
-The floor of a path is the number of its evaluations times the time of the dearest operation in one of them, from the same
-run: an exp for power lobes and Beckmann's needle; for truncated powers a multiply-add each for the ratio and every squaring.
-A table has 1,000 exponents from 1 to 1000 and 90 cosines; the microfacet table 32 x 32 cells at (i + 1/2)/32.
+Predicted: each sum done once, not again for the error bar, halves what a cell of Kuijk-Blake's takes; measured: 331 to 154 ns.
+
+The floor is the number of evaluations times the time of the dearest operation in one of them (`brdfcheck.limits`), from the
+same run. A table has 1,000 exponents from 1 to 1000 and 90 cosines; microfacet tables 32 x 32 cells at (i + 1/2)/32. One core:
+all threads of the process are bound to it. Errors of metal are against a Gauss rule in numpy over the slopes of the facets,
+good to 1e-13 (`brdfcheck.peers.metal_table`).
 """
 
 from __future__ import annotations
 
-import functools
-import os
-import time
-from collections.abc import Callable
+import math
 from typing import Any
 
-FAMILIES = ("phong", "blinn-phong", "schlick-mirror", "binomial-power-half", "lyon-1-half", "lyon-3-half", "kuijk-blake-half")
-SQUARINGS = {"lyon-1-half": 1, "lyon-3-half": 3, "kuijk-blake-half": 1}
 LOOKS: tuple[dict[str, Any], ...] = (
     {"marker": "|", "color": "black", "markersize": 13, "markeredgewidth": 2}, {"marker": "o", "color": "#0072B2"},
     {"marker": "o", "color": "white", "markeredgecolor": "#0072B2"},
 )  # fmt: skip
-TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
-
-
-def fastest(job: Callable[[], Any], rounds: int) -> float:
-    """Seconds of the fastest round, after the two in which programs are compiled."""
-
-    def taken() -> float:
-        began = time.perf_counter()
-        job().value.block_until_ready()
-        return time.perf_counter() - began
-
-    return min([taken() for _ in range(rounds + 2)][2:])
 
 
 def run(size: str = "full") -> dict[str, Any]:
-    """Times of the machine's operations, of tables on one core and on all, and of the microfacet table by tolerance."""
+    """Times of the machine's operations, of every production path on one core and on all, and of the peer's table."""
     import jax.numpy as jnp
     import numpy as np
 
-    from brdfcheck import CookTorrance, albedo_table, catalog, costs, lobe_error, tables
+    from brdfcheck import GGX, CookTorrance, costs, limits, lobe_error, plots
+    from brdfcheck.peers import metal_table
 
     rounds, count = (9, 1000) if (full := size == "full") else (1, 60)
-    references = {name: lobe_error.REFERENCES[name] for name in ("multiply-add", "exp", "log")}
+    references = {name: lobe_error.REFERENCES[name] for name in ("multiply-add", "division", "exp", "log")}
     n, mu = np.geomspace(1, 1000, count), np.linspace(1 / 90, 1, 90 if full else 5)
-    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
-    operations = {}
-    for dtype in (jnp.float32, jnp.float64):
-        times = costs.nanoseconds(references, 10**7 if full else 10**5, dtype, rounds=rounds)
-        operations[dtype.__name__] = {name: time.best for name, time in times.items()}
-    slope = (np.arange(32 if full else 4) + 0.5) / (32 if full else 4)
-
-    metal = functools.partial(CookTorrance, masking="smith-separable")
-
-    def on(some: set[int], job: Callable[[], Any]) -> float:
-        (pin := getattr(os, "sched_setaffinity", lambda *_: None))(0, some)
-        try:
-            return fastest(job, rounds)
-        finally:
-            pin(0, cores)
-
-    results = []
-    for name in FAMILIES if full else FAMILIES[::4]:
-        family = catalog.exponent_family(name)
-        evaluations, kind = tables.profile_evaluations(family, n)
-        multiply_add, exp = operations["float64"]["multiply-add"], operations["float64"]["exp"]
-        unit = multiply_add * (2 + SQUARINGS[name]) if kind == "power" else exp
-        one, every = (on(some, lambda family=family: albedo_table(family, n, mu)) for some in ({min(cores)}, cores))
-        each = 1e9 / n.size / mu.size
-        results.append({"path": f"table of {name}", "cells": n.size * mu.size, "evaluations": evaluations / n.size,
-                        "floor": evaluations / n.size * unit, "one_core": one * each, "all_cores": every * each})  # fmt: skip
-    exact = np.asarray(albedo_table(metal, slope, slope, rtol=1e-13).value)
-    for rtol in TOLERANCES if full else TOLERANCES[:1]:
-        job = lambda rtol=rtol: albedo_table(metal, slope, slope, rtol=rtol)  # noqa: E731
-        one, every = (on(some, job) for some in ({min(cores)}, cores))
-        table, each = job(), 1e9 / slope.size**2
-        results.append({"path": f"Beckmann metal, rtol {rtol:g}", "cells": slope.size**2, "evaluations": int(table.evaluations),
-                        "floor": int(table.evaluations) * operations["float64"]["exp"],
-                        "one_core": one * each, "all_cores": every * each,
-                        "error": float(np.max(np.abs(np.asarray(table.value) - exact)))})  # fmt: skip
-    return {"settings": {"cores": len(cores), "rounds": rounds}, "results": results, "summary": {"nanoseconds": operations}}
+    axis = (np.arange(32 if full else 4) + 0.5) / (32 if full else 4)
+    times = {}
+    for dtype in ("float32", "float64"):
+        taken = costs.nanoseconds(references, 10**7 if full else 10**5, jnp.dtype(dtype), rounds=rounds)
+        times[dtype] = {name: time.best for name, time in taken.items()}
+    wide, narrow = times["float64"], times["float32"]
+    exact = metal_table.slope_table(axis, axis)
+    results = [
+        limits.zonal(name, n, mu, wide, rounds) for name in (list(limits.FAMILIES) if full else ["phong", "lyon-1-half"])
+    ]
+    for rtol in limits.TOLERANCES if full else limits.TOLERANCES[:1]:
+        path = f"Beckmann metal, rtol 10{plots.superscript(round(math.log10(rtol)))}"
+        results.append(limits.facets(path, limits.METAL, axis, wide["exp"], rounds, rtol, exact))
+    if full:
+        results.append(limits.zonal("phong", n, mu.astype("float32"), narrow, rounds))
+        path, single = "Beckmann metal, float32", axis.astype("float32")
+        results.append(limits.facets(path, limits.METAL, single, narrow["exp"], rounds, None, exact))
+        results.append(limits.facets("V-cavities", CookTorrance, axis, wide["division"], rounds))
+        results.append(limits.facets("GGX", GGX, axis, wide["division"], rounds))
+        results += limits.singles(wide, rounds)
+    peer = limits.peer(axis, exact) if full else {"missing": "small size"}
+    gain = costs.gain(references["exp"], len(costs.cores()), 10**7 if full else 10**5, jnp.float64, rounds=rounds)
+    summary = {"nanoseconds": times, "gain": gain, "peer": peer, "accelerator": limits.accelerator(n, mu, axis, rounds)}
+    settings = {"cores": len(costs.cores()), "rounds": rounds}
+    return {"settings": settings, "results": results, "summary": summary, "packages": ["numba"] if "seconds" in peer else []}
 
 
 def plot(record: dict[str, Any]) -> Any:
@@ -102,11 +81,23 @@ def plot(record: dict[str, Any]) -> Any:
             for value, look in zip((floor, one, every), LOOKS, strict=True):
                 axes.plot(value, line, **look)
             axes.annotate(
-                f"{one / floor:.2g}x", (max(one, every), line), (8, 0), textcoords="offset points", va="center", fontsize=8
+                f"{plots.text_of(float(f'{one / floor:.2g}'))}x",
+                (max(one, every), line),
+                (8, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
             )
         axes.set_yticks(range(len(results)), [result["path"] for result in results], fontsize=9)
-        axes.set(xscale="log", xlabel="nanoseconds for one cell of the table (error estimate included)")
-        axes.set_xticks([10.0**k for k in range(1, 6)], [plots.text_of(10.0**k) for k in range(1, 6)])
+        axes.set(
+            xscale="log", xlabel="nanoseconds for one cell of the table, or one albedo, or one check (error estimate included)"
+        )
+        low, high = (
+            end(max(r[key], 1e-3) for r in results for key in ("floor", "one_core", "all_cores")) for end in (min, max)
+        )
+        decades = range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
+        axes.set_xticks([10.0**k for k in decades], ["1" if k == 0 else f"10{plots.superscript(k)}" for k in decades])
+        axes.set_xlim(low / 2, high * 8)  # room for the last label
         axes.minorticks_off()
         axes.invert_yaxis()
         axes.grid(True, axis="x")
@@ -117,21 +108,30 @@ def plot(record: dict[str, Any]) -> Any:
 
 
 def summary(record: dict[str, Any]) -> str:
-    """The table behind the figure."""
+    """The targets, met or missed, and the table behind the figure."""
+    from brdfcheck import limits
     from brdfcheck.studies import table
 
+    results, found = record["results"], record["summary"]
+    exp = found["nanoseconds"]["float64"]["exp"]
     rows = [
         (r["path"], str(r["cells"]), f"{r['evaluations']:.4g}", f"{r['floor']:.3g}", f"{r['one_core']:.3g}",
          f"{r['one_core'] / max(r['floor'], 1e-3):.2g}", f"{r['one_core'] / r['all_cores']:.2f}",
-         f"{r['one_core'] / record['summary']['nanoseconds']['float64']['exp']:.3g}",
-         f"{1e-9 * r['all_cores'] * r['cells']:.3g}", f"{r['error']:.1e}" if "error" in r else "")
-        for r in record["results"]
+         f"{r['one_core'] / exp:.3g}", f"{1e-9 * r['all_cores'] * r['cells']:.3g}",
+         f"{r['error']:.1e}" if "error" in r else "")
+        for r in results
     ]  # fmt: skip
     header = ("path", "cells", "evaluations a cell", "floor, ns a cell", "one core, ns a cell", "times the floor",
-              "gain of all cores", "cost in exps", "table, s, all cores", "largest error")  # fmt: skip
-    times = record["summary"]["nanoseconds"].values()
-    operations = table(("", "float32", "float64"), [(name, *(f"{of[name]:.3f}" for of in times)) for name in next(iter(times))])
-    return f"{table(header, rows)}\n\nNanoseconds of single operations in the same run:\n\n{operations}"
+              "gain of all cores", "cost in exps", "seconds, all cores", "largest error")  # fmt: skip
+    times = found["nanoseconds"].values()
+    operations = table(
+        ("", *found["nanoseconds"]), [(name, *(f"{of[name]:.3f}" for of in times)) for name in next(iter(times))]
+    )  # fmt: skip
+    targets = table(("target", "measured", "in this run"), limits.targets(record))
+    return (
+        f"{targets}\n\n{limits.remarks(record)}\n\n{table(header, rows)}\n\n"
+        f"Nanoseconds of single operations in the same run:\n\n{operations}"
+    )
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ FLOORS = [
         "lobe_error",
         "single",
         "work_precision",
+        "limits",
         "stability",
         "sweep",
         "compact",

@@ -1,0 +1,72 @@
+"""Floors and targets: what is counted, what is said of a record."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck import costs, limits
+
+TIMES = {"multiply-add": 0.1, "division": 0.5, "exp": 1.0}
+
+
+def record(**changes):
+    path = {"path": "table of phong", "cells": 90_000, "exps": 30.0, "one_core": 30.0, "all_cores": 16.0}
+    metal = {"path": "metal", "cells": 1024, "error": 5e-10, "one_core": 60_000.0, "all_cores": 32_000.0}
+    summary = {"gain": 1.95, "peer": {"seconds": 2.6, "error": 6.9e-9}, "accelerator": []}
+    return {"results": [path, metal], "settings": {"cores": 2}, "summary": {**summary, **changes}}
+
+
+def test_targets_are_met_or_missed():
+    assert [row[2] for row in limits.targets(record())] == ["met", "met", "met"]
+    assert [row[2] for row in limits.targets(record(gain=2.2))] == ["met", "missed", "met"]
+    assert [row[2] for row in limits.targets(record(peer={"seconds": 1.0, "error": 6.9e-9}))] == ["met", "met", "missed"]
+    close = record(peer={"seconds": 2.6, "error": 1e-9})  # no setting has a tenth of that error
+    assert limits.targets(close)[-1][1:] == ("1/0", "missed")
+    slow = record()
+    slow["results"][0]["exps"] = 41.0
+    assert limits.targets(slow)[0][1:] == ("41", "missed")
+
+
+def test_what_was_not_measured_is_said():
+    text = limits.remarks(record(peer={"missing": "numba is not installed"}))
+    assert "was not measured: numba is not installed." in text
+    assert "none was present" in text
+    batch = {"path": "table of phong", "dtype": "float32", "device": "some GPU", "seconds": 0.002}
+    assert "On the accelerator (some GPU): table of phong, float32: 0.002 s." in limits.remarks(record(accelerator=[batch]))
+
+
+def test_floors():
+    assert limits.unit("phong", TIMES) == 1.0
+    assert limits.unit("schlick-mirror", TIMES) == 0.5
+    assert limits.unit("binomial-power-half", TIMES) == pytest.approx(0.6)  # four squarings, no exp
+    found = limits.zonal("lyon-1-half", np.geomspace(1, 50, 20), np.array([0.3, 0.9]), TIMES, 1)
+    assert found["floor"] == pytest.approx(0.3 * found["evaluations"])
+    assert found["exps"] == found["one_core"]
+    metal = limits.facets("metal", limits.METAL, np.array([0.2, 0.6]), 1.0, 1, 1e-4)
+    assert metal["floor"] == metal["evaluations"] > 1000
+    assert "error" not in metal
+
+
+def test_one_core_is_one_core_for_every_thread():
+    before = costs.cores()
+    with costs.on_one_core():
+        assert len(costs.cores()) == 1
+    assert costs.cores() == before
+
+
+def test_elements_of_loops_are_counted_as_often_as_they_run():
+    def loop(x):
+        return jax.lax.map(lambda y: jnp.exp(jnp.sin(y)), x)
+
+    found = costs.elements(jax.make_jaxpr(loop)(jnp.ones((7, 5))))
+    assert (found["exp"], found["sin"]) == (35, 35)
+    with pytest.raises(ValueError, match="no fixed count"):
+        costs.elements(jax.make_jaxpr(lambda x: jax.lax.while_loop(lambda y: y < 9, lambda y: y + 1, x))(1))
+
+
+def test_the_gain_of_one_thread_is_one():
+    gain = costs.gain(costs.Kernel(jnp.exp), 1, 100_000, jnp.float64, rounds=3)
+    assert 0.2 < gain < 5
