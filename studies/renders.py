@@ -26,7 +26,8 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax.numpy as jnp
     import numpy as np
 
-    from brdfcheck.scene import failures, meshes, presets
+    from brdfcheck.pictures import failures, presets, white_furnace
+    from brdfcheck.scene import meshes
 
     full = size == "full"
     names = list(presets.PRESETS) if full else SMALL
@@ -46,8 +47,8 @@ def run(size: str = "full") -> dict[str, Any]:
     square = jnp.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), jnp.array([0.0, 1, 0, 1]), jnp.zeros(2)
     turned = failures.turned_quadrilateral(*square, jnp.radians(jnp.array(DEGREES, float))).tolist()
     furnace = []
-    for name, parameters, validated in presets.PAIRS[: None if full else 1]:
-        excess, other = (presets.furnace_largest(brdf, parameters) - 1 for brdf in (name, validated))
+    for name, parameters, validated in white_furnace.PAIRS[: None if full else 1]:
+        excess, other = (white_furnace.furnace_largest(brdf, parameters) - 1 for brdf in (name, validated))
         row = {"published": name, "parameters": parameters, "excess": excess, "validated": validated, "of_validated": other}
         furnace.append(row)
     found = {"smooth": smooth, "sheets": sheets, "turned": turned, "furnace": furnace}
@@ -56,7 +57,7 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
     """Every picture as the command renders it."""
-    from brdfcheck.scene import images, presets
+    from brdfcheck.pictures import images, presets
 
     sides = {row["name"]: row["side"] for row in record["results"]}
     return {f"{name}.png": images.png_bytes(presets.render_preset(name, side)) for name, side in sides.items()}
@@ -65,8 +66,8 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 def plot(record: dict[str, Any]) -> Any:
     """Three pictures, what smooth shading loses against the number of faces, and the excess in the furnace."""
     from brdfcheck import plots
-    from brdfcheck.scene.colour import encode_srgb
-    from brdfcheck.scene.presets import render_preset
+    from brdfcheck.pictures.colour import encode_srgb
+    from brdfcheck.pictures.presets import render_preset
 
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
     faces = [row["faces"] for row in smooth]

@@ -24,7 +24,7 @@ from brdfcheck.budgets.programs import Beside, Compiler, beside
 from brdfcheck.budgets.room import irradiance, room_numbers
 from brdfcheck.budgets.work import traced
 from brdfcheck.messages import UsageError
-from brdfcheck.scene.images import codes
+from brdfcheck.pictures.images import codes
 from brdfcheck.scene.materials import Highlight, Translucent
 from brdfcheck.transport import box, direct, neumann_series
 

@@ -18,8 +18,8 @@ import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
-from brdfcheck.scene import config, presets
-from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.pictures import presets, scene_files
+from brdfcheck.pictures.colour import encode_srgb
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -151,7 +151,7 @@ def test_4_and_one_line_for_what_cannot_be_done(run: Run, here: Path, words: tup
 
 def test_the_scene_in_the_help_is_one(run: Run) -> None:
     text = run("render", "--help")[1]
-    scene = config.parse_scene(tomllib.loads(text[text.index("scene.toml:\n") + 12 : text.index("Only material")]))
+    scene = scene_files.parse_scene(tomllib.loads(text[text.index("scene.toml:\n") + 12 : text.index("Only material")]))
     assert (scene.size, scene.options, len(scene.lights)) == ((512, 512), {"shading": "phong"}, 1)
     assert np.ptp(scene.render((16, 16))) > 0.1
 
@@ -165,7 +165,7 @@ def test_a_scene_is_what_its_numbers_say(run: Run, here: Path) -> None:
 
     with OpenEXR.File(str(here / "scene.exr")) as file:
         pixels = file.channels()["RGB"].pixels
-    scene = config.read_scene(here / "scene.toml")
+    scene = scene_files.read_scene(here / "scene.toml")
     np.testing.assert_array_equal(pixels, np.moveaxis(scene.render(), 0, -1))
     np.testing.assert_allclose(pixels[0, 0], 0.1, rtol=1e-6)
     # A spot reaches nothing outside its cone, 45 degrees; ambient light everything that is matt.
@@ -185,7 +185,7 @@ LAMBERT = {"kind": "surface", "terms": [{"brdf": "lambert", "tint": 0.5}]}
 def test_every_mesh(kind: str) -> None:
     shape = {"icosphere": {"level": 1}, "latitude-longitude": {"rows": 4, "columns": 6}}.get(kind, {"waves": 2, "rows": 2})
     document = changed(geometry={"kind": kind, "shading": "flat", **shape}, material=LAMBERT, size=9)
-    image = config.parse_scene(document).render()
+    image = scene_files.parse_scene(document).render()
     assert image.shape == (3, 9, 9)
     assert np.all(np.isfinite(image))
     assert image.dtype == np.float32
@@ -202,7 +202,7 @@ def test_every_mesh(kind: str) -> None:
 )
 def test_every_artistic_material(material: dict[str, Any]) -> None:
     light = [{"kind": "distant", "direction": [1, 1, 1]}]
-    image = config.parse_scene(changed(material=material, lights=light, size=9)).render()
+    image = scene_files.parse_scene(changed(material=material, lights=light, size=9)).render()
     assert np.all(np.isfinite(image))
     assert image[:, 4, 4].max() > 0.1
 
@@ -217,7 +217,7 @@ def test_every_light_on_a_matt_sphere_and_a_colour_from_its_spectrum() -> None:
         {"kind": "distant", "direction": [0, 0, 1]},
     ]
     document = changed(material={"kind": "surface", "terms": [{"brdf": "lambert", "tint": red}]}, lights=lights, size=9)
-    image = config.parse_scene(document).render()
+    image = scene_files.parse_scene(document).render()
     assert image[0, 4, 4] > 3 * image[2, 4, 4] > 0
 
 
@@ -276,7 +276,7 @@ def material(**parts: Any) -> dict[str, Any]:
 )
 def test_scenes_that_are_wrong_name_the_key_and_what_is_allowed(parts: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError) as caught:
-        config.parse_scene(changed(**parts))
+        scene_files.parse_scene(changed(**parts))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -306,4 +306,4 @@ def test_a_scene_needs_material_and_lights() -> None:
         document = changed()
         del document[key]
         with pytest.raises(UsageError, match=f"{key} is missing"):
-            config.parse_scene(document)
+            scene_files.parse_scene(document)

@@ -32,7 +32,7 @@ FLOORS = [
         "curve_files",
         "plots",
     },
-    {"console", "export", "studies", "transport"},
+    {"console", "export", "studies", "transport", "pictures"},
     {"budgets"},
     {"cli"},
     {"__main__", "__init__"},

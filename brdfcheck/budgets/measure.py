@@ -23,8 +23,8 @@ from brdfcheck.budgets.programs import Beside, Compiler, Image, Program, beside
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
+from brdfcheck.pictures.colour import encode_srgb
 from brdfcheck.precision import double_precision
-from brdfcheck.scene.colour import encode_srgb
 from brdfcheck.scene.materials import NotConserving
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.

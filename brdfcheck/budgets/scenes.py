@@ -1,6 +1,6 @@
 """Scenes with what a budget needs to know besides: the output, what matters, and the room around the object.
 
-The file is that of ``brdfcheck render`` (`brdfcheck.scene.config`) and three tables more, each optional:
+The file is that of ``brdfcheck render`` (`brdfcheck.pictures.scene_files`) and three tables more, each optional:
 
     [output]
     bits = 8                     # 8 or 16
@@ -29,7 +29,7 @@ from typing import Any
 
 from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.scene import config
+from brdfcheck.pictures import scene_files
 from brdfcheck.scene.materials import Surface
 
 TRANSFERS = ("srgb", "linear")
@@ -54,7 +54,7 @@ class Scene:
     `facets`: an icosphere, of which there are ones with fewer faces.
     """
 
-    picture: config.Scene
+    picture: scene_files.Scene
     label: str = "scene"
     bits: int = 8
     transfer: str = "srgb"
@@ -90,7 +90,7 @@ def read_scene(path: str | Path) -> Scene:
 
 def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
-    picture = config.parse_scene(document, label, validated=True, others=_OWN)
+    picture = scene_files.parse_scene(document, label, validated=True, others=_OWN)
     if picture.size[0] * picture.size[1] > _MOST_PIXELS:
         raise UsageError(f"{label}: size must be at most {_MOST_PIXELS} pixels in all; got {picture.size}")
     output = _table(document, "output", label, ("bits", "transfer"))
@@ -114,7 +114,7 @@ def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     return Scene(picture, label, bits, transfer, pixel, energy, silhouette, room, facets)
 
 
-def _room(document: Mapping[str, Any], picture: config.Scene, label: str) -> Room | None:
+def _room(document: Mapping[str, Any], picture: scene_files.Scene, label: str) -> Room | None:
     if "room" not in document:
         return None
     table = _table(document, "room", label, ("reflectance", "emission", "cells"))

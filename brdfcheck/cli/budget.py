@@ -110,7 +110,7 @@ def _write(budget: Budget, target: Output, json: str | None, chart: str | None, 
         save(chart, plots.to_bytes(report.chart(record), Path(chart).suffix.lower()), "--output")
         target.line(f"wrote {chart}")
     if images is not None:
-        from brdfcheck.scene.images import png_bytes
+        from brdfcheck.pictures.images import png_bytes
 
         save(images, png_bytes(report.pictures(budget), 8), "--images")
         target.line(f"wrote {images}")

@@ -77,7 +77,7 @@ def _render(
 
 
 def _list() -> int:
-    from brdfcheck.scene.presets import PRESETS
+    from brdfcheck.pictures.presets import PRESETS
 
     output = Output(None)
     width = max(map(len, PRESETS))
@@ -96,7 +96,8 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
     if bits not in ("8", "16"):
         raise UsageError(f"--bits: must be 8 or 16; got {one_line(bits)!r}")
     refuse_outputs({"--output": target})
-    from brdfcheck.scene.presets import QUALITIES, averaged, named, render_preset
+    from brdfcheck.pictures.canvas import QUALITIES, averaged
+    from brdfcheck.pictures.presets import named, render_preset
 
     if quality not in QUALITIES:
         raise UsageError(f"--quality: must be one of {', '.join(QUALITIES)}; got {one_line(quality)!r}")
@@ -105,11 +106,11 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
     pixels = None if size is None else _size(size, _MOST // samples, square=not is_scene)
     output = Output(None)
     start()
-    from brdfcheck.scene.images import write_image
+    from brdfcheck.pictures.images import write_image
 
     began = time.perf_counter()
     if is_scene:
-        from brdfcheck.scene.config import read_scene
+        from brdfcheck.pictures.scene_files import read_scene
 
         scene = read_scene(what)
         height, width = pixels or scene.size

@@ -74,10 +74,12 @@ def _named(build: Callable[..., Any], name: str) -> Callable[..., Any]:
 
 
 def dtype_of(plan: Plan, combination: tuple[int, ...]) -> np.dtype:
+    """The precision of the cells at these static parameters."""
     return np.dtype(plan.settings(combination)["precision"])
 
 
 def of_cell(plan: Plan, combination: tuple[int, ...]) -> Callable:
+    """A function of a cell's numbers, by axis, that gives (albedo, error, evaluations), by the engine of these parameters."""
     subject, settings = plan.subject(combination), plan.settings(combination)
     dtype, rtol = dtype_of(plan, combination), settings.get("rtol")
 

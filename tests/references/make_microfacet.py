@@ -274,8 +274,7 @@ def check() -> None:
                 print(f"{where}: {value:.12f} +- {error:.0e}, over wo {plain - value:+.1e}")
 
 
-# The stability matrix: `--matrix`, for studies/stability.csv. Angles in degrees; 90 is the limit cos theta = 0, taken from
-# two cosines so small that the rest is covered by the error.
+# The stability matrix: `--matrix`, for studies/stability.csv. Angles in degrees; 90 is the limit cos theta = 0.
 MATRIX_LOBES = {
     "cook-torrance": ("beckmann", "v-cavities"),
     "beckmann-smith": ("beckmann", "smith-separable"),
@@ -284,23 +283,150 @@ MATRIX_LOBES = {
 }
 MATRIX_SIZES = (1e-3, 0.05, 0.1, 0.2, 0.4, 1.0, 2.0)
 MATRIX_ANGLES = (0.0, 1e-4, 45.0, 75.0, 85.0, 89.0, 89.99)
+# At 90 degrees the half-vector rule gives derivatives at the cosine epsilon^(3/4): that is the limit in float64, and a little
+# before it in float32. For GGX, where the one in the angle grows like log cos(theta) and has no limit, it is the second.
+LAST_COSINE = 2.0**-17.25
 
 
-def print_matrix() -> None:
-    """Rows for make_zonal's table: lobe,n,cos_theta,albedo,radius with the slope m as n. About ten minutes."""
-    for name, (distribution, masking) in MATRIX_LOBES.items():
+def limit(masking: str, m: float) -> float:
+    """The limit of the albedo at 90 degrees, F = 1, for Beckmann facets; it is the same 1 for GGX with correlated masking.
+
+    As T = tan t grows, facets that face the light (x > 0) are hit with (1 + x T) G1 = 2 sqrt(pi) x/m, which integrates to 1
+    whatever the distribution (this is what defines Smith's Lambda), and Lambda of the light outgrows that of the viewer: the
+    correlated albedo is 1. V-cavities keep 2 of (1 + x T) for every x > 0: 1 again. The separable one is a smooth integral over
+    the facets that face the light, with N.V = 2 x/(1 + r^2).
+    """
+    return 1.0 if masking != "smith-separable" else half_plane(m, lambda x, r2: x * visible(m, 2 * x / (1 + r2)))
+
+
+def half_plane(m: float, function, order: int = 60) -> float:
+    """2 sqrt(pi)/m times the integral of P22 function(x, r^2) over x > 0, for Beckmann facets."""
+    r, wr = composite(m * np.linspace(0, 6.7, 13), order)
+    phi, wphi = composite(np.linspace(0, math.pi / 2, 5), order)
+    values = density("beckmann", m, r * r)[:, None] * function(r[:, None] * np.cos(phi), (r * r)[:, None])
+    return 4 * math.sqrt(math.pi) / m * float(np.sum((wr * r)[:, None] * wphi * values))
+
+
+def visible(m: float, mu: np.ndarray) -> np.ndarray:
+    """Smith's G1 of Beckmann facets."""
+    return 1 / (1 + smith_lambda("beckmann", m, mu, (1 - mu) * (1 + mu)))
+
+
+def grazing_slope(masking: str, m: float) -> float:
+    """The limit of dE/dtheta at 90 degrees for Beckmann facets: minus the first-order term in cos t of what `limit` keeps.
+
+    Smith: with c = 2 sqrt(pi)/m, (1 + x T) G1 = c x + cos t (c - c^2 x/2) + ... and N.V = 2 x/(1+r^2) + cos t (2/(1+r^2) - 1).
+    V-cavities: all happens within x ~ cos t, where with s = 1 + y^2 and u = 1 + x T the albedo lacks 2 - min(u, 4u/s - 2, 2)
+    for u > 0 and has 2 too few of it for u < 1; the integral over u is elementary.
+    """
+    if masking == "v-cavities":
+        y, w = composite(m * np.linspace(0, 6.7, 25), 40)
+        s = 1 + y * y
+        first = 2 * s / np.maximum(4 - s, 1)
+        flat = s + 4 * (first - s / 2) - 2 / s * (first**2 - s * s / 4) + (2 - first) ** 2 / 2
+        lacks = np.where(s > 2, 1.5 * s, flat)
+        return float(2 * np.sum(w * density("beckmann", m, y * y) * (lacks - 2)))
+    c = 2 * math.sqrt(math.pi) / m
+    if masking == "smith-correlated":
+
+        def lost(x: np.ndarray, r2: np.ndarray) -> np.ndarray:
+            mu = 2 * x / (1 + r2)
+            return c * x * smith_lambda("beckmann", m, mu, (1 - mu) * (1 + mu))
+
+        return half_plane(m, lost)
+
+    def change(x: np.ndarray, r2: np.ndarray) -> np.ndarray:
+        mu, step = 2 * x / (1 + r2), 1e-3
+        # The derivative of G1 in N.V, by differences relative to N.V and to its distance from 1.
+        h = step * mu * (1 - mu)
+        slopes = [(visible(m, mu + k * h) - visible(m, mu - k * h)) / (2 * k * np.maximum(h, 1e-300)) for k in (1, 2)]
+        return (1 - c * x / 2) * visible(m, mu) + x * (4 * slopes[0] - slopes[1]) / 3 * (2 / (1 + r2) - 1)
+
+    return -half_plane(m, change)
+
+
+def complement(distribution: str, m: float, mu: float, order: int = 12) -> float:
+    """1 - E for correlated Smith masking and F = 1, to a relative 1e-10 however small cos t is.
+
+    G1 is defined so that 1 = G1 int P22 (1 + x T) over 1 + x T > 0. So what is missing is the integral of P22 (1 + x T) times
+    G1 Lambda_o/(1 + Lambda_i + Lambda_o) inside the disk and G1 beyond it, all positive. In polar coordinates (r, phi) with
+    c = cos(phi) the rim of the disk is c0 = (r^2 - 1)/(2 r T) and N.V = 2 r sin t (c - c0)/(1 + r^2).
+    """
+    sine = math.sqrt((1 - mu) * (1 + mu))
+    slope = sine / mu
+    top = 6.7 * m if distribution == "beckmann" else 1e10 * slope
+    edges = np.geomspace(1e-7 * m, top, math.ceil(1.5 * math.log2(top / (1e-7 * m))))
+    edges = np.unique(np.concatenate([[0.0], edges, [e for e in (mu / (1 + sine), 1.0, (1 + sine) / mu) if e < top]]))
+    r, wr = composite(edges, order)
+    r, wr = r[:, None], wr[:, None]
+    rim = np.clip((r * r - 1) / (2 * r * slope), -1, 1)
+    # c = 1 - (1 - c0) s^2, with panels in 1 - s that shrink towards the rim: N.V goes through cos t there.
+    w, ww = composite(np.concatenate([[0.0], 0.25 ** np.arange(26, -1, -1)]), order)
+    above = (1 - rim) * w * (2 - w)  # c - c0
+    c = rim + above
+    mu_o = np.where(rim > -1, 2 * r * sine * above / (1 + r * r), mu * (2 * (1 + r * slope * c) / (1 + r * r) - 1))
+    mu_o = np.clip(mu_o, 1e-60, 1)
+    lambda_i = smith_lambda(distribution, m, np.asarray(mu), np.asarray(sine**2))
+    lambda_o = smith_lambda(distribution, m, mu_o, (1 - mu_o) * (1 + mu_o))
+    # The square root of 1 - c cancels against s; that of 1 + c is 0 only where the rim is the whole circle.
+    turn = 2 * np.sqrt(1 - rim) / np.sqrt(1 + rim + above)
+    inside = np.sum(ww * turn * (1 + r * slope * c) * lambda_o / (1 + lambda_i + lambda_o), axis=-1)
+    last, edge = np.clip(-1 / (r * slope), -1, 1), np.minimum(rim, 1)
+    beyond = np.arccos(last) - np.arccos(edge) + r * slope * (np.sqrt(1 - last**2) - np.sqrt(1 - edge**2))
+    total = np.sum((wr * r * density(distribution, m, r * r))[:, 0] * (inside + beyond[:, 0]))
+    return float(2 * total / (1 + lambda_i))
+
+
+def central(function, step: float) -> float:
+    """The derivative at 0 of a function of a shift, good to step^4."""
+    narrow, wide = ((function(k * step) - function(-k * step)) / (2 * k * step) for k in (1, 2))
+    return (4 * narrow - wide) / 3
+
+
+def derivatives(name: str, m: float, mu: float) -> tuple[float, float, float]:
+    """(m dE/dm, dE/dtheta, the same as float32 defines it): differences of the albedos above, good to 1e-6 of E or more."""
+    distribution, masking = MATRIX_LOBES[name]
+
+    def plain(m: float, mu: float) -> float:
+        return albedo_of(distribution, masking, 1.0, m, mu, (32, 32), refine=2)
+
+    def at_cosine(mu: float) -> float:
+        sine = math.sqrt((1 - mu) * (1 + mu))
+        if masking == "smith-correlated" and mu < 1e-5:
+            return sine / mu * central(lambda shift: complement(distribution, m, mu * math.exp(shift)), 0.01)
+        return -sine / mu * central(lambda shift: plain(m, mu * math.exp(shift)), 0.01)
+
+    if mu > 0:
+        by_logarithm = central(lambda shift: plain(m * math.exp(shift), mu), 0.01)
+        angle = math.acos(mu)
+        if mu == 1:
+            return by_logarithm, 0.0, 0.0  # E is even in theta
+        if angle > 1.5:
+            by_angle = at_cosine(mu)
+        else:
+            step = min(0.003, angle / 4, m)
+            by_angle = central(lambda shift: plain(m, math.cos(angle + shift)), step)
+        return by_logarithm, by_angle, by_angle
+    last = at_cosine(LAST_COSINE)
+    if distribution == "ggx":
+        return -central(lambda shift: complement(distribution, m * math.exp(shift), LAST_COSINE), 0.01), last, last
+    return central(lambda shift: limit(masking, m * math.exp(shift)), 0.01), grazing_slope(masking, m), last
+
+
+def print_matrix(names: list[str]) -> None:
+    """Rows for make_zonal's matrix, with the slope m as n. About half an hour."""
+    for name in names or MATRIX_LOBES:
+        distribution, masking = MATRIX_LOBES[name]
         for m in MATRIX_SIZES:
-            for mu in (math.cos(math.radians(angle)) for angle in MATRIX_ANGLES):
-                value, error = reference(distribution, masking, 1.0, m, mu)
-                print(f"{name},{m!r},{mu!r},{value!r},{error:.1e}", flush=True)
-            value, error = reference(distribution, masking, 1.0, m, 1e-10)
-            nearby, _ = reference(distribution, masking, 1.0, m, 1e-9)
-            print(f"{name},{m!r},0.0,{value!r},{max(error, 4 * abs(value - nearby)):.1e}", flush=True)
+            for mu in (*(math.cos(math.radians(angle)) for angle in MATRIX_ANGLES), 0.0):
+                value, error = reference(distribution, masking, 1.0, m, mu) if mu > 0 else (limit(masking, m), 1e-14)
+                slopes = ",".join(repr(float(part)) for part in derivatives(name, m, mu))
+                print(f"{name},{m!r},{mu!r},{value!r},{error:.1e},{slopes}", flush=True)
 
 
 def main(arguments: list[str]) -> None:
     if "--matrix" in arguments:
-        print_matrix()
+        print_matrix([one for one in arguments if not one.startswith("--")])
         return
     if "--check" in arguments:
         check()

@@ -25,8 +25,19 @@ The lobes: phong and schlick, kb (Kuijk-Blake) and ``*_mirror`` are functions of
 lyonW and binomialK functions of N.H. lyonW has exponent 2^W; binomialK is max(0, 1 + (n/K)(c - 1))^K, ``_unclamped``
 without the max.
 
-Options: ``--check [table.csv]`` verifies; ``--matrix`` makes the rows of the stability study instead; ``--oracles
-table.csv`` copies the rows of another table of the same columns in front of those made here.
+Options: ``--check [table.csv]`` verifies; ``--matrix [lobe ...]`` makes the rows of the stability study instead (all lobes
+of it, half an hour); ``--oracles table.csv`` copies the rows of another table of the same columns in front of those made here.
+
+The matrix has more columns, by_logarithm = n dE/dn and by_angle = dE/dtheta (twice, the second time as float32 defines it for
+microfacets), good to 1e-12 of the larger of themselves and E. They are integrals of the same kind: n dg/dn in place of g (g is
+continuous, so that its breakpoints add nothing), or dW/dtheta and dU/dtheta in place of W and U. In these p may be held: what
+is integrated over the azimuth is 0 at its ends, where N.V = 0.
+With a' = -cos x sin theta and b' = b cos theta / sin theta, dW/dtheta = 2 [p a' + b' sin p] and
+
+    dU/dtheta = 8 {4 cos gamma [a a' p + (a b' + a' b) sin p + b b' (p/2 + sin(2p)/4)]
+                   - cos theta [a' p + b' sin p] + sin theta [a p + b sin p]}.
+
+At 90 degrees it is the derivative from below, with p = pi/2.
 """
 
 from __future__ import annotations
@@ -40,6 +51,7 @@ import time
 from flint import acb, arb, ctx
 
 BITS = 64  # accuracy asked of every value: 2^-64 = 5.4e-20 relative
+SLOPE_BITS = 40  # of derivatives, as a part of the albedo or more
 NAN = acb(float("nan"))
 
 
@@ -103,6 +115,35 @@ class Lobe:
         half = (angle / 2).sin()
         return (1 - 2 * self.n / self.k * half * half) ** self.k
 
+    def by_logarithm(self, angle: acb, piece: int, analytic: bool) -> acb:
+        """n times the derivative in n."""
+        if self.family in ("phong", "blinn"):
+            c = angle.cos()
+            if c.real > 0:
+                return self.n * c.log() * (self.n * c.log()).exp()
+            if analytic:
+                return NAN
+            # |c^n n log c| <= 1/e + n pi for |c| <= 1, and c is small where it may be 0.
+            return acb(arb(0, (arb(-1).exp() + self.n * arb.pi()).upper()))
+        half = (angle / 2).sin()
+        versine = 2 * half * half
+        if self.family == "schlick":
+            c = angle.cos()
+            return -c * self.n * versine / (self.n * versine + c) ** 2
+        if self.family == "kb":
+            n = self.n
+            reciprocal_p, q = self.kuijk_blake()
+            top, bottom = n * 9 / 100 + arb(26) / 5, n + arb(28) / 5
+            p_slope = reciprocal_p * (1 + n * 9 / 100 / top - n / bottom)
+            q_slope = n / (5 * n + arb(317) / 10) - q * 5 * n / (5 * n + arb(317) / 10)
+            if piece == 0:
+                return -angle * angle * (p_slope - reciprocal_p * q_slope / q) / q
+            away, below = angle - q, q * (q * reciprocal_p - 1)
+            below_slope = 2 * q * q_slope * reciprocal_p + q * q * p_slope - q_slope
+            rise = away * away * p_slope - 2 * away * q_slope * reciprocal_p
+            return (rise - away * away * reciprocal_p * below_slope / below) / below
+        return -self.n * versine * (1 - self.n / self.k * versine) ** (self.k - 1)
+
 
 def turned(along: acb, across: acb, radius: acb) -> acb:
     """The azimuth p with radius e^(ip) = along + i across, continued analytically past p = 0 and p = pi."""
@@ -117,17 +158,22 @@ def turned(along: acb, across: acb, radius: acb) -> acb:
     return NAN
 
 
-def full_kernel(mirror: bool, mu: arb, sine: arb, angle: acb) -> acb:
-    """Azimuth integral times sin(angle) where the whole circle is above the horizon."""
+def full_kernel(mirror: bool, mu: arb, sine: arb, angle: acb, slope: bool) -> acb:
+    """Azimuth integral times sin(angle) where the whole circle is above the horizon; `slope`: its derivative in theta."""
     c, s = angle.cos(), angle.sin()
     if mirror:
-        return 2 * acb.pi() * c * mu * s
+        return 2 * acb.pi() * c * s * (-sine if slope else mu)
+    if slope:
+        return 16 * acb.pi() * s * mu * sine * c * (1 + s * s - 2 * c * c)
     a, b = c * mu, s * sine
     return 8 * acb.pi() * s * (2 * c * (a * a + b * b / 2) - mu * a)
 
 
-def cut_kernel(mirror: bool, mu: arb, sine: arb, theta: arb, u: acb, analytic: bool) -> tuple[acb, acb]:
-    """(angle, kernel dangle/du) past the kink; u in [0, 1] runs so that square roots at the kinks become polynomial."""
+def cut_kernel(mirror: bool, mu: arb, sine: arb, theta: arb, u: acb, analytic: bool, slope: bool) -> tuple[acb, acb]:
+    """(angle, kernel dangle/du) past the kink; u in [0, 1] runs so that square roots at the kinks become polynomial.
+
+    `slope`: with the kernel's derivative in theta at a fixed angle.
+    """
     if mirror:
         # psi = kink + d, d = theta u^2; b^2 sin^2 p = sin d sin(2 theta - d).
         d = theta * u * u
@@ -136,7 +182,8 @@ def cut_kernel(mirror: bool, mu: arb, sine: arb, theta: arb, u: acb, analytic: b
         c, s = angle.cos(), angle.sin()
         a, b = c * mu, s * sine
         p = turned(-a, across, b)
-        return angle, 2 * (p * a + across) * s * 2 * theta * u
+        kernel = across * mu / sine - p * c * sine if slope else p * a + across
+        return angle, 2 * kernel * s * 2 * theta * u
     # gamma = pi/4 - theta/2 + d, e = theta - d; b^2 sin^2 p = sin 2d sin 2e / (4 cos^2 gamma).
     v = 1 - u
     d, e = theta * u * u * (1 + 2 * v), theta * v * v * (1 + 2 * u)
@@ -148,13 +195,22 @@ def cut_kernel(mirror: bool, mu: arb, sine: arb, theta: arb, u: acb, analytic: b
     a, b = c * mu, s * sine
     along = mu / (2 * c) - a
     p = turned(along, across, b)
-    first = a * a * p + 2 * a * across + b * b * p / 2 + along * across / 2
-    return angle, 8 * (2 * c * first - mu * (a * p + across)) * s * 6 * theta * u * v
+    second = b * b * p / 2 + along * across / 2
+    if slope:
+        turn, a_slope = mu / sine, -c * sine
+        first = a * a_slope * p + (a * turn + a_slope) * across + turn * second
+        kernel = 4 * c * first - mu * (a_slope * p + turn * across) + sine * (a * p + across)
+    else:
+        kernel = 2 * c * (a * a * p + 2 * a * across + second) - mu * (a * p + across)
+    return angle, 8 * kernel * s * 6 * theta * u * v
 
 
-def grazing_kernel(mirror: bool, angle: acb) -> acb:
+def grazing_kernel(mirror: bool, angle: acb, slope: bool) -> acb:
     """mu = 0: p = pi/2 everywhere."""
     s = angle.sin()
+    if slope:
+        c = angle.cos()
+        return -acb.pi() * c * s if mirror else 8 * s * s * (1 - 4 * c * c)
     return 2 * s * s if mirror else 4 * acb.pi() * angle.cos() * s * s * s
 
 
@@ -165,8 +221,9 @@ def parameter(mirror: bool, t: arb) -> arb:
     return arb(1) / 2 - ((1 - 2 * t).asin() / 3).sin()
 
 
-def pieces(lobe: Lobe, mu_value: float) -> list[tuple]:
-    """Every (function, low, high) whose integrals add up to the albedo."""
+def pieces(lobe: Lobe, mu_value: float, by: str = "") -> list[tuple]:
+    """Every (function, low, high) whose integrals add up to the albedo, or to its derivative `by` "logarithm" or "angle"."""
+    slope = by == "angle"
     mu = arb(mu_value)
     theta = mu.acos() if mu_value < 1 else arb(0)
     sine = ((1 - mu) * (1 + mu)).sqrt()
@@ -182,7 +239,7 @@ def pieces(lobe: Lobe, mu_value: float) -> list[tuple]:
     for piece, high in enumerate(lobe.breaks(end)):
 
         def profile(angle: acb, analytic: bool, piece: int = piece) -> acb:
-            return lobe(angle, piece, analytic)
+            return lobe.by_logarithm(angle, piece, analytic) if by == "logarithm" else lobe(angle, piece, analytic)
 
         cuts = sorted([h.mid() for h in hints if low < h < high], key=float)
         ends = [low.mid(), *cuts, high.mid()]
@@ -190,20 +247,20 @@ def pieces(lobe: Lobe, mu_value: float) -> list[tuple]:
             if mu_value == 0:
 
                 def over_grazing(x: acb, analytic: bool, profile=profile) -> acb:
-                    return profile(x, analytic) * grazing_kernel(lobe.mirror, x)
+                    return profile(x, analytic) * grazing_kernel(lobe.mirror, x, slope)
 
                 found.append((over_grazing, one, two))
                 continue
             if one < kink:
 
                 def over_full(x: acb, analytic: bool, profile=profile) -> acb:
-                    return profile(x, analytic) * full_kernel(lobe.mirror, mu, sine, x)
+                    return profile(x, analytic) * full_kernel(lobe.mirror, mu, sine, x, slope)
 
                 found.append((over_full, one, two if two < kink else kink.mid()))
             if two > kink:
 
                 def over_cut(u: acb, analytic: bool, profile=profile) -> acb:
-                    angle, kernel = cut_kernel(lobe.mirror, mu, sine, theta, u, analytic)
+                    angle, kernel = cut_kernel(lobe.mirror, mu, sine, theta, u, analytic, slope)
                     return profile(angle, analytic) * kernel
 
                 first = parameter(lobe.mirror, (one - kink) / theta).mid() if one > kink else arb(0)
@@ -234,6 +291,18 @@ def albedo(name: str, n: float, mu: float) -> arb:
         if value.is_finite() and value.rad() < abs(value).mid() * arb(2) ** -BITS:
             return value
     raise ArithmeticError(f"{name} n={n} mu={mu}: {value}")
+
+
+def derivative(name: str, n: float, mu: float, by: str, scale: arb) -> float:
+    """n dE/dn (`by` "logarithm") or dE/dtheta ("angle"), to `SLOPE_BITS` of the larger of itself and `scale`, which is E."""
+    if by == "angle" and mu == 1:
+        return 0.0  # E is even in theta
+    for precision in (128, 256, 512):
+        ctx.prec = precision
+        value = integrate(pieces(Lobe(name, n), mu, by), SLOPE_BITS + 16, scale * arb(2) ** -(SLOPE_BITS + 14))
+        if value.is_finite() and value.rad() < max(scale, abs(value).mid()) * arb(2) ** -SLOPE_BITS:
+            return float(value.mid())
+    raise ArithmeticError(f"{name} n={n} mu={mu} by {by}: {value}")
 
 
 # --- rows -----------------------------------------------------------------------------------------------------------
@@ -279,6 +348,25 @@ LARGE = ((3e3, 0.3), (1e4, 1e-4), (3e4, 0.999999), (1e5, 0.45), (1e6, 1e-6), (1e
 
 
 # The stability matrix: `--matrix`, for studies/stability.csv. Angles in degrees; 90 is the limit cos theta = 0.
+MATRIX_LOBES = (
+    *LOBES[:12],
+    "lyon4_mirror",
+    "lyon5",
+    "lyon5_mirror",
+    "lyon6",
+    "lyon6_mirror",
+    "binomial4",
+    "binomial8",
+    "binomial8_mirror",
+    "binomial8_unclamped",
+    "binomial8_mirror_unclamped",
+    "binomial16",
+    "binomial16_mirror",
+    "binomial16_unclamped",
+    "binomial16_mirror_unclamped",
+    "binomial32",
+    "binomial64",
+)
 MATRIX_N = (0.01, 1.0, 8.0, 16.0, 17.85, 32.0, 37.0, 54.63, 110.4, 1e3, 1e5, 1e7)
 MATRIX_ANGLES = (0.0, 1e-4, 45.0, 75.0, 85.0, 89.0, 89.99, 90.0)
 
@@ -435,7 +523,15 @@ def main(arguments: list[str]) -> None:
     if "--check" in arguments:
         check(arguments[1:])
         return
-    rows_for = (lambda name: matrix_rows()) if "--matrix" in arguments else rows_of
+    if "--matrix" in arguments:
+        print("lobe,n,cos_theta,albedo,radius,by_logarithm,by_angle,by_angle_float32")
+        for name in [one for one in arguments if not one.startswith("--")] or MATRIX_LOBES:
+            for n, mu in matrix_rows():
+                value = albedo(name, n, mu)
+                text, radius = printed(value)
+                by_logarithm, by_angle = (derivative(name, n, mu, by, abs(value).mid()) for by in ("logarithm", "angle"))
+                print(f"{name},{n!r},{mu!r},{text},{radius},{by_logarithm!r},{by_angle!r},{by_angle!r}", flush=True)
+        return
     print("lobe,n,cos_theta,albedo,radius")
     known: set[tuple[str, float, float]] = set()
     if "--oracles" in arguments:
@@ -446,7 +542,7 @@ def main(arguments: list[str]) -> None:
                     print(",".join(row))
     for name in LOBES:
         start = time.perf_counter()
-        for n, mu in dict.fromkeys(rows_for(name)):
+        for n, mu in dict.fromkeys(rows_of(name)):
             if (name, n, mu) in known:
                 continue
             text, radius = printed(albedo(name, n, mu))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from brdfcheck import albedo, catalog
-from brdfcheck.scene import drawing, failures, images, meshes, presets
+from brdfcheck.pictures import canvas, drawing, failures, images, paper_figures, presets, smooth_shading, white_furnace
+from brdfcheck.scene import meshes
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.lights import Ambient, Distant, Environment
 from brdfcheck.scene.materials import Surface, Term
@@ -29,7 +30,7 @@ def test_every_preset_renders_and_gives_the_same_bytes(name):
     assert np.all(np.isfinite(first))
     assert first.min() >= 0
     assert np.ptp(first) > 0.1
-    presets._ratios.cache_clear()
+    white_furnace._ratios.cache_clear()
     assert images.png_bytes(presets.render_preset(name, 17, "draft")) == images.png_bytes(first)
 
 
@@ -51,7 +52,7 @@ def test_unknown_names_and_bad_numbers_are_refused_in_one_line():
 
 def test_more_samples_smooth_the_edge_and_nothing_else():
     white = Surface(Term("lambert", 1.0))
-    draft, high = (presets.Canvas(24, samples).sphere(white, [Ambient(1.0)]) for samples in (1, 4))
+    draft, high = (canvas.Canvas(24, samples).sphere(white, [Ambient(1.0)]) for samples in (1, 4))
     assert draft.shape == high.shape == (3, 24, 24)
     np.testing.assert_array_equal(np.unique(draft.round(6)), [0, 1])
     rows, columns = np.nonzero(np.abs(draft - high).max(axis=0) > 1e-6)
@@ -86,7 +87,7 @@ def test_the_highlights_centre_is_white_and_narrows_with_n():
 
 
 def test_figure_9_is_the_same_by_equation_and_by_rays_and_its_spheres_are_apart():
-    spheres, lights, camera = presets.figure_9_spheres(), [Distant((1.0, 1.0, 1.0))], Orthographic()
+    spheres, lights, camera = paper_figures.figure_9_spheres(), [Distant((1.0, 1.0, 1.0))], Orthographic()
     for i, one in enumerate(spheres):
         for other in spheres[:i]:
             apart = np.linalg.norm(np.asarray(one.center) - np.asarray(other.center))
@@ -101,8 +102,8 @@ def test_figure_9_is_the_same_by_equation_and_by_rays_and_its_spheres_are_apart(
 
 def test_a_surface_that_returns_all_light_vanishes_to_1e4():
     for n in (1.0, 17.85, 900.0):  # at normal incidence only
-        assert presets.furnace_excess("phong", {"n": n}, 9)[4, 4] == pytest.approx(0, abs=1e-4)
-    assert np.abs(presets.furnace_excess("lambert", {"reflectance": 1.0}, 9)).max() < 1e-4
+        assert white_furnace.furnace_excess("phong", {"n": n}, 9)[4, 4] == pytest.approx(0, abs=1e-4)
+    assert np.abs(white_furnace.furnace_excess("lambert", {"reflectance": 1.0}, 9)).max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -111,7 +112,7 @@ def test_a_surface_that_returns_all_light_vanishes_to_1e4():
 )
 def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, parameters):
     side = 13
-    excess = presets.furnace_excess(name, parameters, side)
+    excess = white_furnace.furnace_excess(name, parameters, side)
     brdf = catalog.entry(name).family.build(**parameters)
     across = (np.arange(side) + 0.5) / side * 2.1 - 1.05
     for row, column in ((6, 6), (6, 9), (3, 4)):
@@ -125,10 +126,10 @@ def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, par
 def test_a_furnace_is_what_every_pixel_integrated_gives(name, parameters, side):
     surface = Surface(Term(catalog.entry(name).family.build(**parameters)))
     every = np.asarray(sphere_image(surface, [Environment(0.4)], size=(side, side), background=0.4))
-    tile = presets.furnace_tile(name, parameters, side)
+    tile = white_furnace.furnace_tile(name, parameters, side)
     np.testing.assert_allclose(tile, every, atol=1e-6)
     # More samples: the pixels inside are the same numbers, those at the edge are between the two sides of it.
-    fine = presets.furnace_tile(name, parameters, side, 4)
+    fine = white_furnace.furnace_tile(name, parameters, side, 4)
     across = np.abs((np.arange(side) + 0.5) / side * 2.1 - 1.05)
     far = np.hypot(*np.meshgrid(across + 1.05 / side, across + 1.05 / side))
     near = np.hypot(*np.meshgrid(*[np.maximum(across - 1.05 / side, 0)] * 2))
@@ -137,12 +138,12 @@ def test_a_furnace_is_what_every_pixel_integrated_gives(name, parameters, side):
     edge = (far > 1.001) & (near < 0.999)
     assert np.abs(fine - tile)[:, edge].max() > 1e-3
     # Each pixel of the edge is covered as much as a disc covers it: seen where nothing comes back.
-    black = presets._disc(np.zeros((3, presets._distances(side, 4)[0].size)), 1.0, side, 4)
+    black = white_furnace._disc(np.zeros((3, white_furnace._distances(side, 4)[0].size)), 1.0, side, 4)
     assert (1 - black[0]).sum() == pytest.approx(np.pi * (side / 2.1) ** 2, rel=5e-3)
 
 
 def test_a_large_furnace_integrates_each_angle_once():
-    square, number = presets._distances(512)
+    square, number = white_furnace._distances(512)
     assert number.size > 19 * square.size
     assert np.all(np.diff(square) > 0)
     x = (np.arange(512) + 0.5) / 512 * 2.1 - 1.05
@@ -154,9 +155,9 @@ def test_a_large_furnace_integrates_each_angle_once():
 
 @pytest.mark.parametrize("samples", [1, 2, 4])
 def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
-    tile = presets._false_tile("binomial-power-unclamped", {"n": 40}, 49, samples).reshape(3, -1, 1)
+    tile = white_furnace._false_tile("binomial-power-unclamped", {"n": 40}, 49, samples).reshape(3, -1, 1)
     excess = np.concatenate([np.linspace(-1, 0, 400), np.geomspace(1e-4, 4, 4000)])
-    ground = np.array(presets._GROUND)[:, None]
+    ground = np.array(drawing.GROUND)[:, None]
     scale = np.concatenate([drawing.false_color(excess), ground], axis=1)[:, None]
     assert np.abs(tile - scale).max(axis=0).min(axis=1).max() < 0.01
     away = np.abs(tile[..., 0] - ground).max(axis=0) > 1e-6
@@ -174,7 +175,7 @@ def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
     ],
 )
 def test_the_number_beside_a_furnace_is_the_albedo_at_stated_angles(name, parameters, largest):
-    found = presets.furnace_largest(name, parameters)
+    found = white_furnace.furnace_largest(name, parameters)
     assert found == pytest.approx(largest, rel=1e-3)
     brdf = catalog.entry(name).family.build(**parameters)
     every = [float(albedo(brdf, np.cos(np.radians(angle))).value) for angle in (0.0, 45.0, 89.0)]
@@ -183,20 +184,20 @@ def test_the_number_beside_a_furnace_is_the_albedo_at_stated_angles(name, parame
 
 def test_lobes_of_one_kind_are_one_program_of_the_furnace(monkeypatch):
     traces = []
-    real = presets.directional_albedo
-    monkeypatch.setattr(presets, "_integrated", eqx.filter_jit(lambda brdf, mu: traces.append(1) or real(brdf, mu)))
-    presets._ratios.cache_clear()
+    real = white_furnace.directional_albedo
+    monkeypatch.setattr(white_furnace, "_integrated", eqx.filter_jit(lambda brdf, mu: traces.append(1) or real(brdf, mu)))
+    white_furnace._ratios.cache_clear()
     for name in ("blinn-phong", "blinn-phong-6", "blinn-phong-fitted"):
         for side, n in ((5, 20), (7, 2.5)):
-            presets.furnace_tile(name, {"n": n}, side, 2)
-            presets.furnace_largest(name, {"n": n})
-    presets._ratios.cache_clear()
+            white_furnace.furnace_tile(name, {"n": n}, side, 2)
+            white_furnace.furnace_largest(name, {"n": n})
+    white_furnace._ratios.cache_clear()
     assert len(traces) == 1
 
 
 def test_a_turned_square_has_in_its_middle_what_its_title_says():
     for degrees in (0.0, 20.0, 45.0):
-        inside, lines, halves = presets._turned_square(jnp.zeros((2, 1, 1)), jnp.asarray(np.radians(degrees)))
+        inside, lines, halves = smooth_shading._turned_square(jnp.zeros((2, 1, 1)), jnp.asarray(np.radians(degrees)))
         assert bool(inside[0, 0])
         assert float(lines[0, 0]) == pytest.approx((1 + np.tan(np.radians(degrees))) / 2, abs=1e-12)
         assert float(halves[0, 0]) == pytest.approx(0, abs=1e-12)
@@ -219,9 +220,9 @@ def test_the_jumps_that_a_title_quotes_are_away_from_the_silhouette():
 @pytest.mark.parametrize(("n", "left"), [(10.0, 0.836), (100.0, 0.167)])
 def test_gouraud_shading_leaves_of_the_highlight_what_the_label_says(n, left):
     mesh = meshes.icosphere(2)
-    view, light = presets.towards_facet(mesh)
+    view, light = smooth_shading.towards_facet(mesh)
     half = (view + light) / np.linalg.norm(view + light)
-    np.testing.assert_allclose(half, presets.worst_facet(mesh), atol=1e-14)
+    np.testing.assert_allclose(half, smooth_shading.worst_facet(mesh), atol=1e-14)
     camera = Orthographic(5 * view, up=np.cross(view, light))
 
     def gloss(point, normal, view):

@@ -2,7 +2,7 @@
 
 The keys are the parameters of the classes in `brdfcheck.scene`. A colour may be a spectrum: { wavelengths = [400, 700],
 reflectance = [0.2, 0.8] } in nm. Of a saturated one, what RGB lights and screens cannot show is cut off: components below 0
-or above the largest reflectance. `brdfcheck.scene.colour.rgb_of_spectrum` gives the numbers as they are. What is wrong is a
+or above the largest reflectance. `brdfcheck.pictures.colour.rgb_of_spectrum` gives the numbers as they are. What is wrong is a
 `UsageError` in one line that names the key and what is allowed.
 """
 
@@ -21,9 +21,9 @@ from jaxtyping import Float
 
 from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError, one_line
+from brdfcheck.pictures.colour import rgb_of_spectrum
 from brdfcheck.scene import lights, materials, meshes
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Perspective, Size, checked_size
-from brdfcheck.scene.colour import rgb_of_spectrum
 from brdfcheck.scene.interpolation import INTERPOLATIONS
 from brdfcheck.scene.smooth import SHADINGS, render_mesh
 from brdfcheck.scene.sphere import sphere_image

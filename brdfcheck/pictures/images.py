@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brdfcheck import records
-from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.pictures.colour import encode_srgb
 
 KINDS = ("png", "exr")
 _MARGIN, _TEXT = 8, 15  # pixels

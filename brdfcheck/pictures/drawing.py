@@ -1,6 +1,6 @@
 """Pictures that show numbers: false colours with their scale, curves in a square, pictures below one another.
 
-Images are linear RGB of shape (3, height, width), as in `brdfcheck.scene.images`.
+Images are linear RGB of shape (3, height, width), as in `brdfcheck.pictures.images`.
 """
 
 from __future__ import annotations
@@ -101,3 +101,17 @@ def stacked(*images: Any) -> Float[np.ndarray, "3 height width"]:
         ],
         axis=1,
     )
+
+
+GROUND = (0.55, 0.68, 0.85)  # pale blue: what is not the object
+
+
+def colored(excess: Float[np.ndarray, "n n"], covered: Float[np.ndarray, "n n"], *scale: float) -> Float[np.ndarray, "3 n n"]:
+    """An excess in false colour where a pixel is `covered` by half or more, and the ground elsewhere.
+
+    Both are means over the samples of a pixel, the excess 0 beside the object. The excess is averaged, not its colour: a
+    mean of colours is on no scale.
+    """
+    inside = covered >= 0.5
+    mean = excess / np.where(inside, covered, 1)
+    return np.where(inside, false_color(mean, *scale), np.array(GROUND)[:, None, None]).astype(np.float32)

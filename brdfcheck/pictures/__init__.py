@@ -1,0 +1,1 @@
+"""Pictures of scenes: the seed's figures and other presets, scene files, sheets with titles, PNG and EXR, colour."""
