@@ -30,7 +30,7 @@ from brdfcheck.factors import peel as peel
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
 from brdfcheck.quadrature.polar import Order
-from brdfcheck.quadrature.zonal import zonal_weights
+from brdfcheck.quadrature.zonal import weighted_sums, zonal_weights
 
 # Rounding of a weighted sum in units of the machine epsilon: nodes, weights and profile each contribute a few.
 ROUNDING = 32
@@ -94,7 +94,6 @@ def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
 
 def one(core: AbstractBRDF, mu: Array, rtol: float | None) -> tuple[Array, Array, int]:
     """Engine 1 or 2 for a lobe without wrappers and a scalar cosine: (value, error, evaluations)."""
-    epsilon = float(jnp.finfo(mu.dtype).eps)
     if isinstance(core, AbstractZonalLobe):
         orders = _zonal_orders(_digits(rtol, 1e-12, mu.dtype))
         versine, weight = zonal_weights(core.form, mu, core.breaks(), core.width(), orders)
@@ -106,7 +105,7 @@ def one(core: AbstractBRDF, mu: Array, rtol: float | None) -> tuple[Array, Array
     sharp = getattr(core, "masking", "") == "v-cavities"
     (fine, coarse), count = half_vector_albedo(core, mu, _half_vector_orders(digits, sharp))
     # In two dimensions the difference of two rules may vanish by chance; never claim more than what was aimed at.
-    return fine, _CAUTION * _bar(jnp, fine, coarse, epsilon) + 10**-digits * jnp.abs(fine), count
+    return fine, _bar(jnp, fine, coarse, 10**-digits * jnp.abs(fine), _CAUTION), count
 
 
 def _weighted(xp: Any, profile: Any, versine: Any, weight: Any) -> tuple[Any, Any]:
@@ -115,16 +114,15 @@ def _weighted(xp: Any, profile: Any, versine: Any, weight: Any) -> tuple[Any, An
     Shapes: (..., nodes) twice, (..., rules, nodes) -> (...) twice.
     """
     epsilon = float(xp.finfo(versine.dtype).eps)
-    sums = (weight @ profile[..., None])[..., 0]
-    # An overflow meets weights that are 0, those of the other rule; the sum is infinite all the same, not NaN.
-    sums = xp.where(xp.any(xp.isinf(profile), axis=-1)[..., None], xp.inf, sums)
+    sums = weighted_sums(xp, profile, weight)
     # Towards 90 degrees the nodes keep absolute, not relative, accuracy in cos: only the unclamped lobe notices.
     rounding = xp.sum(xp.abs(weight[..., 0, :] * profile / xp.maximum(1 - versine, epsilon)), axis=-1)
-    return sums[..., 0], _bar(xp, sums[..., 0], sums[..., 1], epsilon) + 4 * epsilon * rounding
+    return sums[..., 0], _bar(xp, sums[..., 0], sums[..., 1], 4 * epsilon * rounding)
 
 
-def _bar(xp: Any, fine: Any, coarse: Any, epsilon: float) -> Any:
-    error = xp.abs(fine - coarse) + ROUNDING * epsilon * xp.abs(fine)
+def _bar(xp: Any, fine: Any, coarse: Any, more: Any, caution: float = 1) -> Any:
+    """The error bar: `caution` times the difference of two rules and the rounding of the sum, and `more`."""
+    error = caution * (xp.abs(fine - coarse) + ROUNDING * float(xp.finfo(fine.dtype).eps) * xp.abs(fine)) + more
     return xp.where(xp.isfinite(error), error, xp.inf)  # overflow: the value is unknown
 
 

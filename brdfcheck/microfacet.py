@@ -9,7 +9,7 @@ The masking terms are written as G / ((N.L)(N.V)) with the cosines cancelled, so
 from __future__ import annotations
 
 import abc
-from typing import Literal, final
+from typing import ClassVar, Literal, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -242,23 +242,24 @@ class CookTorrance(_FacetLobe):
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         square = jnp.maximum(half_cosine**2, _TINY)
         exponent = half_sine_squared / square
-        exponent = exponent / self.m**2 if not self.m.ndim else exponent[..., None] / self.m**2
+        # Divided twice: in float32 the square of a slope below 1e-19 is 0.
+        exponent = (exponent if not self.m.ndim else exponent[..., None]) / self.m / self.m
         # Where the exponential is 0 in this precision anything harmless stands in for its argument and the cosine: the
         # derivative would be 0 over 0, the square of cos^4 being 0 too.
         seen = exponent < -float(np.log(jnp.finfo(exponent.dtype).tiny))
-        slopes = self.weights * jnp.where(seen, jnp.exp(-jnp.where(seen, exponent, 1)), 0) / self.m**2
+        slopes = self.weights * jnp.where(seen, jnp.exp(-jnp.where(seen, exponent, 1)), 0) / self.m / self.m
         if self.m.ndim:
             seen, slopes = jnp.any(seen, axis=-1), jnp.sum(slopes, axis=-1)
         return slopes / (np.pi * jnp.where(seen, square, 1) ** 2)
 
     def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) a.
-        # A sine below the precision counts as that: of a greater a the squares, and with them derivatives, would overflow.
-        least = max(_TINY, float(jnp.finfo(cosine.dtype).eps) ** 2)
-        inverse = 1 / (self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), least)))
-        a = cosine * inverse
+        # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) cos(theta),
+        # so that nothing is large: the derivative of a quotient squares its denominator, which float32 must hold.
+        spread = self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), _TINY))
+        # Beyond 30 all is 1 or 0; squares, and with them derivatives, would overflow.
+        a = jnp.minimum(cosine / spread, 30)
         root = float(np.sqrt(np.pi))
-        return 2 * root * inverse, root * a * (1 + erf(a)) + jnp.exp(-a * a)
+        return jnp.full_like(cosine, 2 * root), root * cosine * (1 + erf(a)) + spread * jnp.exp(-a * a)
 
     def width(self) -> Float[Array, ""]:
         return jnp.arctan(jnp.min(self.m))
@@ -282,6 +283,8 @@ class GGX(_FacetLobe):
     f0: Float[Array, "..."] | None
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
+    # The half-vector rule asks: derivatives at 90 degrees have no limit.
+    long_tail: ClassVar[bool] = True
 
     def __init__(self, alpha: object, f0: object = None, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
         self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
@@ -290,9 +293,8 @@ class GGX(_FacetLobe):
         self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
 
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
-        # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2: no tangent, nothing to overflow.
-        square = self.alpha**2
-        return square / (np.pi * (square * half_cosine**2 + half_sine_squared) ** 2)
+        # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2, over alpha: no tangent, no fourth power of alpha.
+        return 1 / (np.pi * (self.alpha * half_cosine**2 + half_sine_squared / self.alpha) ** 2)
 
     def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         # 1 + Lambda = (1 + sqrt(1 + alpha^2 tan^2)) / 2; both sides times 2 cos.

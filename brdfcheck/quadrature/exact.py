@@ -19,7 +19,7 @@ from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.rule import NOT_FINITE, NOT_REACHED, OK, AbstractRule, Raw, bar, checked_count, checked_tolerance
-from brdfcheck.quadrature.zonal import zonal_weights
+from brdfcheck.quadrature.zonal import weighted_sums, zonal_weights
 
 # The second rule, from which the difference is the error, has this part of the nodes.
 _COARSE = 0.5
@@ -57,7 +57,7 @@ class Zonal(AbstractRule):
         orders = _zonal_order(self.order), _zonal_order(math.ceil(_COARSE * self.order))
         versine, weight = zonal_weights(core.form, mu, core.breaks(), core.width(), orders)
         profile = core.profile(versine)
-        fine, coarse = weight @ profile
+        fine, coarse = weighted_sums(jnp, profile, weight)
         epsilon = float(jnp.finfo(mu.dtype).eps)
         # Towards 90 degrees the nodes keep absolute, not relative, accuracy in the cosine.
         rounding = 4 * epsilon * jnp.sum(jnp.abs(weight[0] * profile / jnp.maximum(1 - versine, epsilon)))

@@ -33,11 +33,14 @@ def half_vector_albedo(
 ) -> tuple[Float[Array, "rules ..."], int]:
     """(albedo by each rule, kernel evaluations) for one incidence; the albedo has shape (rules,) or (rules, channels).
 
-    At 90 degrees what kinks do as the angle changes is lost in rounding, though not their place: derivatives are those a
-    little before, at a cosine of epsilon^(3/4).
+    At 90 degrees what kinks do as the angle changes is lost in rounding, though not their place: below a cosine of
+    epsilon^(3/4), 1.8e-12 in float64 and 6.4e-6 in float32, derivatives are those at that cosine. For Beckmann's facets they
+    are the limits from below up to the cosine over m. Under a long tail (GGX) dE/dtheta grows like log(cos theta) and has no
+    limit, and below 1e-6 the nodes no longer follow it: there all are those at 6.4e-6 in either precision.
     """
     count = 0
-    before = float(jnp.finfo(cos_theta.dtype).eps) ** 0.75
+    precision = jnp.float32 if getattr(lobe, "long_tail", False) else cos_theta.dtype
+    before = float(jnp.finfo(precision).eps) ** 0.75
 
     def integral(lobe: AbstractMicrofacetLobe, cosine: Array) -> Array:
         nonlocal count

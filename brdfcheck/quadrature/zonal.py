@@ -13,12 +13,23 @@ N.V = 2 (wi.H) (N.H) - cos(theta).
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import Form
 from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
+
+
+def weighted_sums(xp: Any, profile: Any, weight: Any) -> Any:
+    """The albedo by each rule, with `xp` numpy or jax.numpy: (..., nodes), (..., rules, nodes) -> (..., rules).
+
+    An overflow of the profile meets weights that are 0, those of the other rule; the sum is infinite all the same, not NaN.
+    """
+    sums = (weight @ profile[..., None])[..., 0]
+    return xp.where(xp.any(xp.isinf(profile), axis=-1)[..., None], xp.inf, sums)
 
 
 def zonal_weights(
@@ -35,5 +46,7 @@ def zonal_weights(
         return node.versine, member * (node.weight * 2 * (node.azimuth * mu * node.cos + node.horizon))
     cos_squared, sin_squared = node.coversine / 2, node.versine / 2  # of gamma = x / 2
     full = node.azimuth * (mu * mu * node.cos + sine * sine * sin_squared)
-    kernel = full + mu * node.horizon * (2 + 3 * node.cos) / (4 * cos_squared)
+    # Kept above the root of the smallest number: the derivative of a quotient squares its denominator.
+    least = 4 * float(jnp.finfo(mu.dtype).tiny) ** 0.5
+    kernel = full + mu * node.horizon * (2 + 3 * node.cos) / (4 * jnp.maximum(cos_squared, least))
     return sin_squared / (1 + jnp.sqrt(cos_squared)), member * (node.weight * 2 * kernel)
