@@ -1,4 +1,4 @@
-"""A map of what became of a matrix of albedos: lobes and exponents down, angles across."""
+"""Maps of what became of a matrix of albedos and derivatives, and the shares of each outcome."""
 
 from __future__ import annotations
 
@@ -12,49 +12,107 @@ if TYPE_CHECKING:
 
 # By the codes of `brdfcheck.stability.Outcome`.
 OUTCOMES = {"holds": "#DDEBDD", "loses digits": "#F5C86E", "lies": "#882255", "breaks": "#222222"}
-_INCHES = 0.052  # a line
-_FOOT = 0.6
+_PRECISIONS = ("float64", "float32")
+_ACROSS = 5
+_ROW = 0.13
+_PANEL = 2.35
 
 
-def outcome_map(results: Sequence[Mapping[str, Any]], lobes: Sequence[str]) -> Figure:
-    """One panel for each method, float64 left and float32 right.
+def _short(value: float) -> str:
+    """A parameter as a tick: 17.85, 10⁵."""
+    exponent = f"{value:e}".partition("e")
+    if value >= 1e3 and float(exponent[0]) == 1:
+        return f"10{plots.superscript(int(exponent[2]))}"
+    return f"{value:g}"
 
-    `results`: mappings with method, lobe, dtype ("float64" or "float32") and outcomes, a string of digits for each exponent,
-    one digit an angle (0 to 90 degrees, eight of them). `lobes`: those of the results, from the top.
+
+def _legend(figure: Figure) -> None:
+    from matplotlib.patches import Patch
+
+    handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for name, color in OUTCOMES.items()]
+    figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
+
+
+def file_of(method: str) -> str:
+    """The name of the file of a method's map."""
+    return method.replace(", ", "-").replace(" ", "-") + ".png"
+
+
+def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
+    """A bar for each method, precision and quantity: which part of its cells became what.
+
+    `results`: mappings with method, dtype, `of` ("value", "d/dn", "d/dtheta") and outcomes, strings of digits, "-" for a cell
+    that is left out.
     """
     methods = list(dict.fromkeys(result["method"] for result in results))
-    rows = {lobe: max(len(result["outcomes"]) for result in results if result["lobe"] == lobe) for lobe in lobes}
-    height = sum(rows.values())
-    inches = _INCHES * height + 1.6
-    figure = plots.empty(1.35 * len(methods) + 2.2, inches)
+    quantities = list(dict.fromkeys(result["of"] for result in results))
+    inches = 0.36 * len(methods) + 1.5
+    figure = plots.empty(3.1 * len(quantities) + 1.4, inches)
+    with plots.house_style():
+        grid = figure.subplots(1, len(quantities), sharey=True, squeeze=False)[0]
+        for axes, quantity in zip(grid, quantities, strict=True):
+            for place, method in enumerate(methods):
+                for shift, dtype in zip((-0.2, 0.2), _PRECISIONS, strict=True):
+                    own = [r for r in results if (r["method"], r["of"], r["dtype"]) == (method, quantity, dtype)]
+                    cells = "".join(row for result in own for row in result["outcomes"]).replace("-", "")
+                    left = 0.0
+                    for code, color in enumerate(OUTCOMES.values()):
+                        part = 100 * cells.count(str(code)) / max(len(cells), 1)
+                        axes.barh(place + shift, part, 0.36, left=left, color=color, edgecolor="#888888", linewidth=0.3)
+                        left += part
+            axes.set(title=quantity.replace("theta", "θ"), xlim=(0, 100), xlabel="% of the cells")
+        grid[0].set_yticks(range(len(methods)), methods, fontsize=8)
+        grid[0].set_ylim(len(methods) - 0.5, -0.5)
+        grid[0].set_ylabel("above: float64\nbelow: float32", fontsize=7)
+        _legend(figure)
+        figure.tight_layout(rect=(0, 0.35 / inches, 1, 1))
+    return figure
+
+
+def outcome_map(
+    method: str, results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float]
+) -> Figure:
+    """A panel for each lobe that `method` takes: parameters down; across, the angles of each quantity and precision.
+
+    What was not asked for is white.
+
+    `results` as in `shares`, with the lobe of each; `lobes`: label and parameters by name; `angles` in degrees.
+    """
+    own = [result for result in results if result["method"] == method]
+    names = list(dict.fromkeys(result["lobe"] for result in own))
+    blocks = list(dict.fromkeys((result["of"], result["dtype"]) for result in own))
+    blocks.sort(key=lambda block: (["value", "d/dn", "d/dtheta"].index(block[0]), _PRECISIONS.index(block[1])))
+    count = len(angles)
+    across = min(_ACROSS, len(names))
+    down = -(-len(names) // across)
+    inches = down * (12 * _ROW + 0.75) + 0.7
+    figure = plots.empty(across * _PANEL + 0.4, inches)
     with plots.house_style():
         from matplotlib.colors import ListedColormap
-        from matplotlib.patches import Patch
 
-        grid = figure.subplots(1, len(methods), sharey=True, squeeze=False)[0]
-        for axes, method in zip(grid, methods, strict=True):
-            picture = [[float("nan")] * 16 for _ in range(height)]
-            for result in results:
-                if result["method"] == method:
-                    top = sum(rows[lobe] for lobe in lobes[: lobes.index(result["lobe"])])
-                    shift = 0 if result["dtype"] == "float64" else 8
+        colors = ListedColormap(list(OUTCOMES.values()))
+        grid = figure.subplots(down, across, squeeze=False).ravel()
+        for axes, name in zip(grid, names, strict=False):
+            parameters = lobes[name]["parameters"]
+            picture = [[float("nan")] * (count * len(blocks)) for _ in parameters]
+            for result in own:
+                if result["lobe"] == name and (result["of"], result["dtype"]) in blocks:
+                    shift = count * blocks.index((result["of"], result["dtype"]))
                     for line, cells in enumerate(result["outcomes"]):
                         for column, cell in enumerate(cells):
-                            picture[top + line][shift + column] = float(cell)
-            colors = ListedColormap(list(OUTCOMES.values()))
+                            picture[line][shift + column] = float("nan") if cell == "-" else float(cell)
             axes.imshow(picture, aspect="auto", cmap=colors, vmin=-0.5, vmax=3.5, interpolation="nearest")
-            axes.axvline(7.5, color="black", linewidth=0.8)
-            place = 0
-            for lobe in lobes:
-                place += rows[lobe]
-                axes.axhline(place - 0.5, color="white", linewidth=0.8)
-            axes.set_title(method.replace(" ", "\n").replace("-", "-\n", 1) if "-" in method else f"{method}\n", fontsize=8)
-            axes.set_xticks([0, 2, 7, 8, 10, 15], ["0", "45", "", "0", "45", "90°"], fontsize=6)
-            axes.set_xlabel("f64     f32", fontsize=8)
-        middles = [sum(rows[other] for other in lobes[:index]) + rows[lobe] / 2 - 0.5 for index, lobe in enumerate(lobes)]
-        grid[0].set_yticks(middles, lobes, fontsize=7.5)
-        grid[0].set_ylabel("within each lobe: n from 0.01 (top) to 10⁷, or m from 0.001 to 2", fontsize=9)
-        handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for name, color in OUTCOMES.items()]
-        figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
-        figure.tight_layout(rect=(0, _FOOT / inches, 1, 1))
+            for block in range(1, len(blocks)):
+                axes.axvline(block * count - 0.5, color="black" if block % 2 == 0 else "#888888", linewidth=0.7)
+            axes.set_title(lobes[name]["label"], fontsize=8)
+            axes.set_yticks(range(len(parameters)), [_short(value) for value in parameters], fontsize=5.5)
+            labels = [f"{of.replace('theta', 'θ')}\n{dtype[-2:]}" for of, dtype in blocks]
+            axes.set_xticks([block * count + (count - 1) / 2 for block in range(len(blocks))], labels, fontsize=5.5)
+            axes.tick_params(length=1.5)
+        for axes in grid[len(names) :]:
+            axes.axis("off")
+        shown = ", ".join(f"{angle:g}" for angle in angles)
+        figure.suptitle(f"{method}: n (or m) down; in each column, angles {shown}°, float{{64, 32}}", fontsize=9)
+        _legend(figure)
+        figure.tight_layout(rect=(0, 0.3 / inches, 1, 1 - 0.1 / inches))
     return figure
