@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """Where do quadrature rules hold, lose digits, lie or break, over every lobe, exponent, angle and precision?
 
-Command: ``brdfcheck study stability`` (or ``python studies/stability.py``). A few minutes on two cores, more before its
-programs are compiled.
+Command: ``brdfcheck study stability`` (or ``python studies/stability.py``). A few minutes on two cores.
 
 Answer: `brdfcheck.albedo` holds in every cell of both precisions, and so do its derivatives, but for dE/dtheta of the
 unclamped power in float32; `check` calls none of the cells and none of 2,000 factors within 1e-6 of the exact one wrongly.
