@@ -66,8 +66,7 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 def plot(record: dict[str, Any]) -> Any:
     """Three pictures, what smooth shading loses against the number of faces, and the excess in the furnace."""
     from brdfcheck import plots
-    from brdfcheck.pictures.colour import encode_srgb
-    from brdfcheck.pictures.presets import render_preset
+    from brdfcheck.pictures import colour, presets
 
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
     faces = [row["faces"] for row in smooth]
@@ -75,8 +74,8 @@ def plot(record: dict[str, Any]) -> Any:
         figure = plots.empty(10.0, 6.8)
         top, (left, middle, right) = figure.subplots(2, 3)
         for axes, name in zip(top, SHOWN, strict=True):
-            image = render_preset(name, record["settings"]["thumbnails"])
-            axes.imshow(encode_srgb(image).transpose(1, 2, 0), interpolation="none")
+            image = presets.render_preset(name, record["settings"]["thumbnails"])
+            axes.imshow(colour.encode_srgb(image).transpose(1, 2, 0), interpolation="none")
             axes.set_title(name)
             axes.axis("off")
         for i, n in enumerate(EXPONENTS):
