@@ -6,7 +6,7 @@ Command: ``brdfcheck study integrating_sphere`` (or ``python studies/integrating
 Answer: below 1 all are right, LU and conjugate gradients to 1e-14, shooting and the series to the 1e-8 and 1e-10 asked for,
 paths to 0.4 to 0.8 % of the multiplied light on the worst of 24 patches (up to 2.2 standard errors). At rho = 1 and 1.01
 series, shooting and paths refuse; LU returns 1e16, then -101 everywhere. A glossy wall makes no integrating sphere: of 0.9
-times Phong's BRDF, n = 10, it holds 2.07 where Lambert's holds 9, uneven by -17 to +42 %.
+times Phong's BRDF, n = 10, it holds 2.07 where Lambert's holds 9, uneven by -17 to +43 %.
 
 The exact answer is B(x) = E(x) + rho mean(E)/(1 - rho); the light is a spot at the pole, the wall has 24 bands of equal area.
 """
