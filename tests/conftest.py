@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import atexit
+import gc
+import itertools
 import os
 import shutil
 import tempfile
@@ -33,6 +35,18 @@ settings.register_profile(
 settings.load_profile("brdfcheck")
 
 
+_TESTS = itertools.count(1)
+
+
+def _maps() -> int:
+    """How many memory maps this process has; 0 where the system does not say."""
+    try:
+        with open("/proc/self/maps", "rb") as file:
+            return sum(1 for _ in file)
+    except OSError:
+        return 0
+
+
 @pytest.fixture(autouse=True)
 def _no_annotations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests say for themselves whether they run as if on GitHub or with debugging."""
@@ -42,9 +56,15 @@ def _no_annotations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def _programs_of_one_file() -> Iterator[None]:
-    """A compiled program holds tens of memory maps, and a process may have 65,530: beyond, the compiler crashes.
-
-    What the next file needs again comes from the compilation cache.
-    """
+    """What the next file needs again comes from the compilation cache."""
     yield
     jax.clear_caches()
+
+
+@pytest.fixture(autouse=True)
+def _memory_maps() -> Iterator[None]:
+    """A compiled program holds tens of memory maps, and a process may have 65,530: beyond, nothing can be allocated."""
+    yield
+    if next(_TESTS) % 8 == 0 and _maps() > 20_000:
+        jax.clear_caches()
+        gc.collect()
