@@ -52,8 +52,9 @@ class WorkPrecision:
     versions: dict[str, str]
 
     def to_json_object(self) -> dict[str, Any]:
-        """All fields but the versions, which a record holds once, ready for strict JSON."""
+        """All fields but the versions, which a record holds once, ready for strict JSON; times to four digits."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "versions"}
+        fields |= {name: float(f"{fields[name]:.4g}") for name in ("warm_seconds", "compile_seconds")}
         return {name: records.number(value) if isinstance(value, float) else value for name, value in fields.items()}
 
 
