@@ -44,6 +44,8 @@ _ROUNDS = 8
 _LARGEST_A = 1e6
 # A range that is narrower than this part of its end is one exponent: what a slope would win is below the error bars.
 _NARROW = 1e-9
+# Minima that are equal up to this part are one value, reached more than once.
+_TIE = 1e-12
 # Below this a factor loses so much of the light that the reader is told why.
 _WASTEFUL = 0.7
 
@@ -137,15 +139,18 @@ class RawAlbedo:
         return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n))
 
     def lowest(self, factor: AbstractFactor) -> tuple[float, float]:
-        """The smallest albedo at normal incidence with `factor`, and its exponent: a continuous minimum."""
+        """The smallest albedo at normal incidence with `factor`, and its exponent: a continuous minimum.
+
+        Where it is reached more than once, as minimax factors reach it, the exponent is the smallest.
+        """
         grid = self.grid()
 
         def curve(n: np.ndarray) -> np.ndarray:
             return np.asarray(factor(jnp.asarray(n))) * self(n)
 
         places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
-        index = int(np.argmin(values))
-        return float(values[index]), float(places[index])
+        smallest = float(np.min(values))
+        return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
 
 
 def _checked_range(n: tuple[float, float]) -> tuple[float, float]:

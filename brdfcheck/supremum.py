@@ -184,13 +184,12 @@ def _refine(box: _Box, starts: np.ndarray, rounds: int, points: int, rtol: float
     active, settled = np.ones(len(starts), bool), np.zeros(len(starts), int)
     for _ in range(rounds):
         which = np.flatnonzero(active)
-        if which.size == 0:
-            break
         # A maximum that stays clearly below another one cannot win any more.
         hopeless = best[which] + 10 * gaps[which] < np.max(best) - 1e-6 * abs(np.max(best))
-        if np.any(hopeless):
-            active[which[hopeless]] = False
-            which = which[~hopeless]
+        active[which[hopeless]] = False
+        which = which[~hopeless]
+        if which.size == 0:
+            break
         low = np.clip(centers[which][:, free] - half[which], 0, 1)
         high = np.clip(centers[which][:, free] + half[which], 0, 1)
         local = low[:, None] + (high - low)[:, None] * (1 + lattice) / 2

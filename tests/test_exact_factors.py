@@ -35,8 +35,15 @@ def test_normal_incidence_reflects_one(name):
     factor = exact_factor(lobe(1.0))
     assert factor is not None
     raw = np.asarray(albedo_table(lobe, N, [1.0]).value)[:, 0]
-    # Kuijk and Blake's antiderivatives cancel a little at large n.
     np.testing.assert_allclose(np.asarray(factor(jnp.asarray(N))) * raw, 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", LOBES)
+def test_single_precision_keeps_its_digits(name):
+    factor = exact_factor(LOBES[name](1.0))
+    n = np.concatenate([np.geomspace(0.01, 10, 300), np.geomspace(10, 1e4 if "unclamped" not in name else 100, 300)])
+    wide, narrow = (np.asarray(factor(jnp.asarray(n, dtype)), float) for dtype in (np.float64, np.float32))
+    np.testing.assert_allclose(narrow, wide, rtol=4e-6)
 
 
 @pytest.mark.parametrize("name", LOBES)
@@ -47,14 +54,14 @@ def test_gradients_are_finite(name):
 
 
 def test_schlicks_formula():
-    """FACTS section 1: (2 pi/(n-1)) (A^2 ln n - A - 1/2) with A = n/(n-1)."""
+    """(2 pi/(n-1)) (A^2 ln n - A - 1/2) with A = n/(n-1)."""
     n, a = 100.0, 100 / 99
     albedo = 2 * np.pi / 99 * (a * a * np.log(n) - a - 0.5)
     assert 1 / float(SchlickExact()(jnp.asarray(n))) == pytest.approx(albedo, rel=1e-14)
 
 
 def test_the_binomial_powers_formula():
-    """FACTS section 1, for n >= 54.63."""
+    """The polynomial of a lobe that ends above the horizon: n >= 54.63."""
     n = 80.0
     a = 16 / n
     albedo = 128 * np.pi / n * (1 / 17 - 5 * a / 306 + 6 * a**2 / 2907 - 2 * a**3 / 19380)

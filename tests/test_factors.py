@@ -22,7 +22,7 @@ def test_formulas():
     np.testing.assert_allclose(PhongExact()(N), (N + 2) / (2 * np.pi), rtol=1e-15)
     giesen = (N + 2) * (N + 4) / (8 * np.pi * (2 ** (-N / 2) + N))
     np.testing.assert_allclose(BlinnPhongExact()(N), giesen, rtol=1e-14)
-    # n = 0 is Lambert's 1/pi in both; FACTS: the exact factor of Blinn-Phong at n = 1 is 0.350.
+    # n = 0 is Lambert's 1/pi in both; the exact factor of Blinn-Phong at n = 1 is 0.350.
     assert PhongExact()(jnp.asarray(0.0)) == pytest.approx(1 / np.pi)
     assert BlinnPhongExact()(jnp.asarray(0.0)) == pytest.approx(1 / np.pi)
     assert BlinnPhongExact()(jnp.asarray(1.0)) == pytest.approx(0.350, abs=5e-4)

@@ -75,7 +75,7 @@ def test_minimax_is_the_optimum_of_the_linear_program(name, limits):
 
 
 def test_the_published_optima():
-    """FACTS: binomial power half 7.2427, 26.170, 0.9064; Blinn-Phong 7.8025, 26.716, 0.9424."""
+    """Binomial power half 7.2427, 26.170, 0.9064; Blinn-Phong 7.8025, 26.716, 0.9424."""
     for name, a, b, smallest in (("binomial-power-half", 7.2427, 26.170, 0.9064), ("blinn-phong", 7.8025, 26.716, 0.9424)):
         fit = fit_factor(name)
         assert float(fit.factor.A) == pytest.approx(a, abs=5e-5)
@@ -107,6 +107,14 @@ def test_smallest_is_the_continuous_minimum():
     table = brdfcheck.albedo_table(lambda n: Normalized(brdfcheck.Schlick(n), fit.factor), n, [1.0])
     assert fit.smallest == pytest.approx(float(np.min(table.value)), abs=1e-10)
     assert n[int(np.argmin(table.value))] == pytest.approx(fit.smallest_n, rel=1e-3)
+
+
+def test_the_smallest_of_equals_is_at_the_smallest_exponent():
+    """A minimax albedo is as small at both ends of the range: rounding must not choose between them."""
+    fit = fit_factor("binomial-power-half")
+    assert fit.smallest_n == 1
+    ends = [float(albedo(Normalized(BinomialPower(n), fit.factor), 1.0).value) for n in (1.0, 1000.0)]
+    assert ends == pytest.approx([fit.smallest] * 2, rel=1e-11)
 
 
 @pytest.mark.parametrize("objective", ["least-squares", "reciprocal"])
@@ -287,7 +295,7 @@ def test_certify_enlarges_b_by_the_peak():
     raw = RawAlbedo(BinomialPower, (1, 1000))
     factor, report = certify(raw, Factor(6.0, 24.55))
     assert float(factor.A) == 6
-    assert float(factor.B) == pytest.approx(24.5893, abs=5e-5)  # FACTS: the smallest safe B for A = 6
+    assert float(factor.B) == pytest.approx(24.5893, abs=5e-5)  # the smallest safe B for A = 6
     assert report.verdict is Verdict.CONSERVES
     kept, _ = certify(raw, Factor(6.0, 30.0))
     assert float(kept.B) == 30

@@ -41,7 +41,7 @@ def test_extrema_between_grid_points_and_at_kinks():
 
 
 def test_blinn_phong_is_the_published_optimum():
-    """FACTS: A = 7.8025, B = 26.716, smallest albedo 0.9424 for n in [1, 1000]."""
+    """A = 7.8025, B = 26.716, smallest albedo 0.9424 for n in [1, 1000]."""
     best, steps = best_rational(blinn, spread(1, 1000, 257), (1, 0))
     assert best.numerator[0] / best.numerator[1] == pytest.approx(7.8025, abs=5e-5)
     assert 1 / best.numerator[1] == pytest.approx(26.716, abs=5e-4)

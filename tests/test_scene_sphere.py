@@ -315,8 +315,9 @@ def test_numbers_of_cameras_and_places_compile_nothing_however_they_are_written(
 
 @pytest.mark.slow
 def test_the_sphere_takes_a_twentieth_of_plain_numpy_and_thrice_its_floor():
-    # The twentieth is that of `numpy_shader.surface`, vectors (..., 3) and textbook formulas: 93 times the scene's time where
-    # it was measured. `tight_sphere`, which computes once what is the same in all pixels, takes 14 to 27 times the scene's.
+    # The twentieth is that of `numpy_shader.surface`, vectors (..., 3) and textbook formulas: 45 to 93 times the scene's time
+    # where it was measured. `tight_sphere`, which computes once what is the same in all pixels and multiplies matrices in
+    # single precision, takes 2.7 to 27 times the scene's, by machine and numpy: no bound but that it is slower.
     size = (512, 512)
     scene = Surface(MATT, GLOSSY), (SUN, SKY)
     cosines = jnp.linspace(1e-3, 1, 512 * 512, dtype=jnp.float32).reshape(size)
@@ -345,5 +346,5 @@ def test_the_sphere_takes_a_twentieth_of_plain_numpy_and_thrice_its_floor():
                 best[name] = min(best[name], time.perf_counter() - began)
     print({name: f"{1e3 * value:.3f} ms, {value / best['scene']:.2f} times the scene" for name, value in best.items()})
     assert best["numpy"] > 20 * best["scene"]
-    assert best["tight numpy"] > 10 * best["scene"]
+    assert best["tight numpy"] > best["scene"]
     assert best["scene"] < 3 * best["floor"]
