@@ -7,6 +7,7 @@ import gc
 import itertools
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator
 
@@ -24,6 +25,10 @@ from brdfcheck.precision import use_compilation_cache, use_x64
 use_x64()
 use_compilation_cache()
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Where a shell started the tests in the background, they and what they start would ignore Ctrl-C, which tests send.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile(
     "brdfcheck",

@@ -494,6 +494,18 @@ def test_commands_on_a_terminal(monkeypatch: pytest.MonkeyPatch, words: tuple[st
     assert ("finding: phong-classical: not reciprocal" in out.getvalue()) == (words[0] == "check")
 
 
+def test_what_takes_its_time_says_so_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setenv("TERM", "xterm")
+    out, err = Terminal(), Terminal()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    assert cli.run(("fit", "phong", "--n", "1:10")) == ExitCode.PASSED
+    assert "fitting phong over n=1:10" in err.getvalue()
+    assert "fitting" not in out.getvalue()
+    assert "verdict   CONSERVES" in out.getvalue()
+
+
 def shown(width: int, show: Callable[[Console], None], encoding: str = "utf-8") -> str:
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding=encoding)

@@ -79,11 +79,13 @@ def _run(scene: str | None, tolerance: str | None, json: str | None, chart: str 
         raise UsageError(one_line(error)) from None
     read = read_scene(scene)
     try:
-        measured = measure(read)
+        with target.waiting(f"measuring {read.label}: every rung of every knob is rendered"):
+            measured = measure(read)
     except ValueError as error:  # what is right by itself and wrong together, as a camera inside the object
         raise UsageError(f"{one_line(scene)}: {one_line(error).removeprefix(f'{read.label}: ')}") from None
     try:
-        budget = measured.choose(wanted)
+        with target.waiting(f"rendering the choice for {read.label}"):
+            budget = measured.choose(wanted)
     except BudgetError as error:
         target.line(one_line(error))
         return ExitCode.FAILED

@@ -137,9 +137,13 @@ def _run_fit(
         target = _target(name, exponents, held)
         start()  # a user's file may have changed the precision
         try:
-            fit = _asked(lambda: fit_factor(target.family, exponents, objective, sampling=sampling))  # pyright: ignore[reportArgumentType]
-            rungs = _asked(lambda: factor_ladder(target.family, exponents)) if show_ladder else ()
-            content = _asked(lambda: _exported(export[0], fit)) if export is not None else None
+            with output.waiting(
+                f"fitting {name} over n={exponents[0]:g}:{exponents[1]:g}; of plain functions half a minute"
+            ) as show:
+                fit = _asked(lambda: fit_factor(target.family, exponents, objective, sampling=sampling))  # pyright: ignore[reportArgumentType]
+                show("climbing the ladder of factors" if show_ladder else "writing down the fit")
+                rungs = _asked(lambda: factor_ladder(target.family, exponents)) if show_ladder else ()
+                content = _asked(lambda: _exported(export[0], fit)) if export is not None else None
         except Finding as finding:
             return _complain(output, name, str(finding))
         except (Exception, SystemExit) as error:

@@ -49,10 +49,30 @@ class Output:
         except OSError as error:
             raise UsageError(f"cannot write to {stream.name}: {error.strerror or error}") from None
 
+    def terminal(self) -> TextIO | None:
+        """Where a person may watch: stderr or stdout, if it is a terminal."""
+        return next((stream for stream in (sys.stderr, self._stdout) if stream.isatty()), None)
+
+    @contextlib.contextmanager
+    def waiting(self, text: str) -> Iterator[Callable[[str], None]]:
+        """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text."""
+        stream = self.terminal()
+        if stream is None:
+            yield lambda text: None
+            return
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn
+
+        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False))
+        console = Console(file=stream)
+        with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as line:
+            task = line.add_task(text)
+            yield lambda text: line.update(task, description=text)
+
     @contextlib.contextmanager
     def progress(self, count: int) -> Iterator[Callable[[], None]]:
         """A bar with the time left, on a terminal; gives what to call for each BRDF that is done."""
-        stream = next((stream for stream in (sys.stderr, self._stdout) if stream.isatty()), None)
+        stream = self.terminal()
         if stream is None:
             yield lambda: None
             return

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -125,8 +122,9 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
             named(what)
         except KeyError as error:
             raise UsageError(one_line(error.args[0])) from None
-        with _waiting(f"rendering {what}: {{}} pictures done; the first time, programs are compiled for them") as done:
-            image = render_preset(what, None if pixels is None else pixels[0], quality, done)
+        text = f"rendering {what}: {{}} pictures done; the first time, programs are compiled for them"
+        with output.waiting(text.format(0)) as show:
+            image = render_preset(what, None if pixels is None else pixels[0], quality, lambda count: show(text.format(count)))
     seconds = time.perf_counter() - began
     try:
         write_image(target, image, bits=int(bits), metadata={"rendered": what, "quality": quality})
@@ -134,23 +132,6 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
         raise UsageError(f"--output: cannot write {target!r}: {error.strerror or one_line(error)}") from None
     output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s")
     return ExitCode.PASSED
-
-
-@contextlib.contextmanager
-def _waiting(text: str) -> Iterator[Callable[[int], None]]:
-    """A line on a terminal that says how many are done, gone afterwards; gives what to call with each number."""
-    if not sys.stderr.isatty():
-        yield lambda count: None
-        return
-
-    def show(count: int) -> None:
-        print("\r" + text.format(count), end="", file=sys.stderr, flush=True)
-
-    show(0)
-    try:
-        yield show
-    finally:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def _size(text: str, most: int, *, square: bool) -> tuple[int, int]:

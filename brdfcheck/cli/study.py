@@ -32,7 +32,7 @@ Examples:
   brdfcheck study all --size small --out quick
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
-FOLDER/README.md. The full sizes take less than two minutes each on two cores, but stability four.""",
+FOLDER/README.md. The full sizes take less than two minutes each on two cores.""",
 )
 def _study(
     names: Annotated[

@@ -141,7 +141,7 @@ def _time(seconds: float) -> str:
 @contextlib.contextmanager
 def _progress(output: Output, plan: Plan) -> Iterator[Callable[[Progress], None]]:
     """A bar with rate and time left on a terminal, a line from time to time elsewhere."""
-    stream = next((stream for stream in (sys.stderr, output.human) if stream.isatty()), None)
+    stream = output.terminal()
     if stream is None:
         yield _lines(plan)
         return

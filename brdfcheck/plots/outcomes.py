@@ -69,6 +69,14 @@ def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
+def maps(
+    results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float], **_: Any
+) -> dict[str, bytes]:
+    """An `outcome_map` as PNG for each method of the results, by `file_of`."""
+    methods = dict.fromkeys(result["method"] for result in results)
+    return {file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png") for method in methods}
+
+
 def outcome_map(
     method: str, results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float]
 ) -> Figure:

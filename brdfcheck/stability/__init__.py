@@ -1,0 +1,30 @@
+"""Where methods hold, lose digits, lie or break: rules over a matrix of lobes, exponents, angles, precisions and modes."""
+
+from brdfcheck.stability.failures import KNOWN_FAILURES as KNOWN_FAILURES
+from brdfcheck.stability.outcomes import GRADIENT_HOLDS as GRADIENT_HOLDS
+from brdfcheck.stability.outcomes import HOLDS as HOLDS
+from brdfcheck.stability.outcomes import NOT_ASKED as NOT_ASKED
+from brdfcheck.stability.outcomes import Gradients as Gradients
+from brdfcheck.stability.outcomes import Method as Method
+from brdfcheck.stability.outcomes import Outcome as Outcome
+from brdfcheck.stability.outcomes import Result as Result
+from brdfcheck.stability.outcomes import gradient_outcomes as gradient_outcomes
+from brdfcheck.stability.outcomes import gradients_of as gradients_of
+from brdfcheck.stability.outcomes import of_rule as of_rule
+from brdfcheck.stability.outcomes import outcomes as outcomes
+from brdfcheck.stability.outcomes import production as production
+from brdfcheck.stability.outcomes import run as run
+from brdfcheck.stability.references import KINDS as KINDS
+from brdfcheck.stability.references import LOBES as LOBES
+from brdfcheck.stability.references import MICROFACETS as MICROFACETS
+from brdfcheck.stability.references import Reference as Reference
+from brdfcheck.stability.references import label as label
+from brdfcheck.stability.references import read_references as read_references
+from brdfcheck.stability.survey import Job as Job
+from brdfcheck.stability.survey import counted as counted
+from brdfcheck.stability.survey import grid_of as grid_of
+from brdfcheck.stability.survey import of_rules as of_rules
+from brdfcheck.stability.survey import survey as survey
+from brdfcheck.stability.verdicts import false_verdicts as false_verdicts
+from brdfcheck.stability.verdicts import matrix_verdicts as matrix_verdicts
+from brdfcheck.stability.verdicts import verdicts as verdicts

@@ -1,0 +1,80 @@
+#!/usr/bin/env python3
+"""Does `check` ever call a conserving BRDF violating, or a violating one conserving?
+
+Command: ``brdfcheck study verdicts`` (or ``python studies/verdicts.py``). Two minutes on two cores.
+
+Answer: 0 of the cells of the matrix, to be said when it has been run whole.
+
+Every cell of the stability matrix (28 lobes at 12 exponents, 4 microfacet lobes at 7 slopes, 8 angles each) is judged on the
+line at 1, in either precision, and in float64 on a line that is off the reference albedo by a random relative 1e-12 to 1e-6. The
+random factors are the exact one times 1 + e with |e| from 1e-12 to 1e-6, over random ranges of the exponent: they conserve if
+and only if e is within the tolerance. UNDECIDED is never false: it says that the error bar reaches the line.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+SMALL = ("phong",)
+LABELS = {
+    "factors": "random factors near the exact one, float64",
+    "matrix, float64": "cells of the matrix, float64",
+    "matrix, float32": "cells of the matrix, float32",
+}
+
+
+def run(size: str = "full") -> dict[str, Any]:
+    """Counts of right, undecided and false verdicts."""
+    from brdfcheck import stability
+
+    full = size == "full"
+    references = stability.read_references(Path(__file__).with_name("stability.csv"))
+    chosen = [reference for name, reference in references.items() if full or name in SMALL]
+    found = stability.verdicts(chosen, 2000 if full else 20, processes=2 if full else 1)
+    results = [{"of": of, **found[of]} for of in LABELS]
+    summary = {key: sum(found[of][key] for of in LABELS) for key in ("verdicts", "false", "undecided")}
+    return {"settings": {"factors": found["factors"]["verdicts"]}, "results": results, "summary": summary}
+
+
+def plot(record: dict[str, Any]) -> Any:
+    """A bar for each set of verdicts: right, undecided, false."""
+    from brdfcheck import plots
+    from brdfcheck.plots.outcomes import OUTCOMES
+
+    colors = (OUTCOMES["holds"], OUTCOMES["loses digits"], OUTCOMES["lies"])
+    figure = plots.empty(7.2, 2.4)
+    with plots.house_style():
+        axes = figure.subplots()
+        for place, result in enumerate(record["results"]):
+            undecided, false = result["undecided"], result["false"]
+            left = 0.0
+            for count, color in zip((result["verdicts"] - undecided - false, undecided, false), colors, strict=True):
+                part = 100 * count / result["verdicts"]
+                axes.barh(place, part, 0.6, left=left, color=color, edgecolor="#888888", linewidth=0.5)
+                left += part
+            words = f"{result['verdicts']:,} verdicts: {undecided:,} undecided, {false:,} false"
+            axes.text(1, place, words, va="center", fontsize=8)
+        axes.set_yticks(range(len(LABELS)), [LABELS[result["of"]] for result in record["results"]], fontsize=8)
+        axes.set(
+            xlim=(0, 100), ylim=(len(LABELS) - 0.5, -0.5), xlabel="% of the verdicts (pale green: right, yellow: undecided)"
+        )
+        figure.tight_layout()
+    return figure
+
+
+def summary(record: dict[str, Any]) -> str:
+    """The counts."""
+    from brdfcheck.studies import table
+
+    rows = []
+    for row in record["results"]:
+        undecided = f"{row['undecided']:,} ({100 * row['undecided'] / row['verdicts']:.2f} %)"
+        rows.append((LABELS[row["of"]], f"{row['verdicts']:,}", undecided, str(row["false"])))
+    return table(("verdicts of `check`", "count", "undecided", "false"), rows)
+
+
+if __name__ == "__main__":
+    from brdfcheck.studies import main
+
+    main(__file__)
