@@ -6,9 +6,9 @@ Command: ``brdfcheck study verdicts`` (or ``python studies/verdicts.py``). Two m
 Answer: 0 of the cells of the matrix, to be said when it has been run whole.
 
 Every cell of the stability matrix (28 lobes at 12 exponents, 4 microfacet lobes at 7 slopes, 8 angles each) is judged on the
-line at 1, in either precision, and in float64 on a line that is off the reference albedo by a random relative 1e-12 to 1e-6. The
-random factors are the exact one times 1 + e with |e| from 1e-12 to 1e-6, over random ranges of the exponent: they conserve if
-and only if e is within the tolerance. UNDECIDED is never false: it says that the error bar reaches the line.
+line at 1, in either precision, and in float64 on a line that is off the reference albedo by a random relative 1e-12 to 1e-6.
+The random factors are the exact one times 1 + e with |e| from 1e-12 to 1e-6, over random ranges of the exponent: they conserve
+if and only if e is within the tolerance. UNDECIDED is never false: it says that the error bar reaches the line.
 """
 
 from __future__ import annotations

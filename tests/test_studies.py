@@ -12,10 +12,11 @@ import sys
 import tomllib
 from pathlib import Path
 
+import jax
 import pytest
 
 import brdfcheck
-from brdfcheck import plots, studies
+from brdfcheck import cli, plots, studies
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDIES = studies.find()
@@ -93,6 +94,15 @@ def test_what_the_studies_found():
     assert ratios["phong"]["ratio"] == pytest.approx(1, abs=1e-9)
     assert ratios["phong-classical"]["ratio"] == pytest.approx(18.74, abs=0.01)
     assert ratios["beckmann-smith"]["angle_degrees"] > 80
+
+
+def test_no_study_leaves_its_programs_to_the_next(tmp_path, monkeypatch):
+    """All studies in one process had more memory maps than a process may have, and ended with a segmentation fault."""
+    cleared = []
+    clear = jax.clear_caches
+    monkeypatch.setattr(jax, "clear_caches", lambda: (cleared.append(1), clear()))
+    assert cli.run(("study", "raw_albedo", "normalized_albedo", "--size", "small", "--out", str(tmp_path))) == 0
+    assert len(cleared) >= 2
 
 
 # --- the gallery ---

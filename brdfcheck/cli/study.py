@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import gc
 import sys
 import time
 import traceback
@@ -55,6 +56,8 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
         raise UsageError("say which study: a name, all, or list (brdfcheck study list)")
     if len(names) > 1 and {"list", "all"} & set(names):
         raise UsageError("list and all stand alone: give either one of them or names of studies")
+    import jax
+
     from brdfcheck import studies
 
     known = studies.find()
@@ -85,6 +88,9 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
             output.line(f"{study.name}  failed: {type(error).__name__}: {one_line(error)}")
             continue
         output.line(f"{study.name}  {time.perf_counter() - began:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
+        # A process may have 65,530 memory maps, and the programs of all studies together take more.
+        jax.clear_caches()
+        gc.collect()
     if len(chosen) > 1:
         output.line(f"{len(chosen) - len(failed)} of {len(chosen)} studies in {(time.perf_counter() - first) / 60:.1f} minutes")
     try:
