@@ -28,9 +28,19 @@ _FAR_POLE = (0.25, 4.0)
 
 @functools.cache
 def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (nodes + 1) / 2, weights / 2
+    """Nodes and weights of Gauss and Legendre on [0, 1].
+
+    By Newton's method in the machine's longest numbers: numpy's weights are off by 3e-13 for 34 nodes, and a lobe of power 64
+    rests on the outermost few.
+    """
+    x = np.polynomial.legendre.leggauss(count)[0].astype(np.longdouble)
+    for _ in range(2):
+        before, value = np.ones_like(x), x
+        for degree in range(2, count + 1):
+            before, value = value, ((2 * degree - 1) * x * value - (degree - 1) * before) / degree
+        slope = count * (x * value - before) / (x * x - 1)
+        x = x - value / slope
+    return ((x + 1) / 2).astype(float), (1 / ((1 - x * x) * slope**2)).astype(float)
 
 
 def _weight(form: Form, versine: Any) -> Any:

@@ -6,7 +6,7 @@ Command: ``brdfcheck study factor_ladder`` (or ``python studies/factor_ladder.py
 Answer: two constants lose 6 % (Blinn-Phong) to 14 % (Lyon, w = 1), 33 to 40 % for Schlick's heavy tail and two thirds or more
 for Kuijk and Blake's; nothing for Phong, whose exact factor they are. Five more operations, a rational factor of degrees 2/1,
 bring that below 1.4 % for all but these two (6.4 and 12 %), four more to 0.2 % (0.8 and 4.7 %). A closed form loses nothing;
-for Blinn-Phong it takes 9 operations, for the piecewise lobes 35 to 175.
+for Blinn-Phong it takes 9 operations, for the piecewise lobes 35 to 274.
 
 Cost is that of the factor alone, once a material: operations, and measured nanoseconds in one fused program. Loss is the
 largest 1 - E at normal incidence over n in [1, 1000]. Every rung is the best of its form under E <= 1 over all angles.

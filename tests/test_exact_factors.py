@@ -68,6 +68,14 @@ def test_the_binomial_powers_formula():
     assert 1 / float(TruncatedPowerExact(16)(jnp.asarray(n))) == pytest.approx(albedo, rel=1e-14)
 
 
+@pytest.mark.parametrize("k", [4, 16, 32, 64])
+def test_high_powers_keep_their_digits(k):
+    """Of a lobe that ends near its axis: 2 pi (k/n) (1/(k+1) - (k/n)/((k+1)(k+2))) in the mirror form."""
+    n = np.array([100.0, 1e3, 1e7])
+    albedo = 2 * np.pi * k / n * (1 / (k + 1) - k / n / ((k + 1) * (k + 2)))
+    np.testing.assert_allclose(1 / np.asarray(TruncatedPowerExact(k, "mirror")(jnp.asarray(n))), albedo, rtol=3e-15)
+
+
 def test_lobes_without_a_closed_form():
     assert exact_factor(Lambert()) is None
     assert exact_factor(object()) is None

@@ -47,7 +47,7 @@ def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
     methods = list(dict.fromkeys(result["method"] for result in results))
     quantities = list(dict.fromkeys(result["of"] for result in results))
     inches = 0.36 * len(methods) + 1.5
-    figure = plots.empty(3.1 * len(quantities) + 1.4, inches)
+    figure = plots.empty(max(3.1 * len(quantities) + 1.4, 6.6), inches)  # the legend needs 6.6
     with plots.house_style():
         grid = figure.subplots(1, len(quantities), sharey=True, squeeze=False)[0]
         for axes, quantity in zip(grid, quantities, strict=True):

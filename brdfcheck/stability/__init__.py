@@ -25,6 +25,6 @@ from brdfcheck.stability.survey import counted as counted
 from brdfcheck.stability.survey import grid_of as grid_of
 from brdfcheck.stability.survey import of_rules as of_rules
 from brdfcheck.stability.survey import survey as survey
+from brdfcheck.stability.verdicts import all_verdicts as all_verdicts
 from brdfcheck.stability.verdicts import false_verdicts as false_verdicts
 from brdfcheck.stability.verdicts import matrix_verdicts as matrix_verdicts
-from brdfcheck.stability.verdicts import verdicts as verdicts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -70,7 +71,7 @@ def matrix_verdicts(reference: Reference, seed: int = 1) -> dict[str, int]:
     return dict(found)
 
 
-def verdicts(references: Sequence[Reference], factors: int, processes: int = 2) -> dict[str, dict[str, int]]:
+def all_verdicts(references: Sequence[Reference], factors: int, processes: int = 2) -> dict[str, dict[str, int]]:
     """`matrix_verdicts` of all references in both precisions, and `false_verdicts` of so many factors, in float64.
 
     {"matrix, float64", "matrix, float32", "factors"}: what they count, summed. `processes`: started for this and ended with
@@ -85,14 +86,21 @@ def verdicts(references: Sequence[Reference], factors: int, processes: int = 2) 
         results = list(map(_counts, tasks))
     else:
         start = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(processes, mp_context=start, initializer=_begin) as pool:
+        cores = start.SimpleQueue()
+        for place in range(processes):
+            cores.put(place)
+        with ProcessPoolExecutor(processes, mp_context=start, initializer=_begin, initargs=(cores,)) as pool:
             results = list(pool.map(_counts, tasks))
     for (kind, *_), result in zip(tasks, results, strict=True):
         found[kind].update(result)
     return {kind: dict(counter) for kind, counter in found.items()}
 
 
-def _begin() -> None:
+def _begin(cores: Any) -> None:
+    """A core for each process: XLA then starts one thread, and processes do not wait for each other's."""
+    if hasattr(os, "sched_setaffinity"):
+        mine = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {mine[cores.get() % len(mine)]})
     use_x64()
     use_compilation_cache()
 
