@@ -3,7 +3,10 @@
 
 Command: ``brdfcheck study stability_derivatives`` (or ``python studies/stability_derivatives.py``). Two minutes on two cores.
 
-Answer: 0 of the cells of the matrix, to be said when it has been run whole.
+Answer: those of `brdfcheck.albedo` hold in all 2,912 cells of float64; of float32 one, dE/dtheta of an unclamped power, is off
+by more than 1e-2, and 78 do not fit into the precision. Rules whose nodes follow lobe and horizon, zonal and half-vector, hold
+or lose digits in 11 of 304 cells of float64; Monte Carlo, lattices and product rules hold in 9 to 65 % and break in 11 to 27 %
+but for lobe-importance sampling (up to 7 %), because their samples do not move with the lobe.
 
 The matrix: 28 lobes about an axis at 12 exponents from 0.01 to 10^7 and 4 microfacet lobes at 7 slopes from 0.001 to 2, at 8
 angles from 0 to 90 degrees, in float64 and float32. References: ball arithmetic, slope-space integrals and, for microfacets at

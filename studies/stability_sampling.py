@@ -3,7 +3,10 @@
 
 Command: ``brdfcheck study stability_sampling`` (or ``python studies/stability_sampling.py``). Two minutes on two cores.
 
-Answer: 0 of the cells of the matrix, to be said when it has been run whole.
+Answer: hardly anywhere to 8 digits: the Gauss product rule in 936 of 2,912 cells in float64, Sobol's sequence in 96, all
+others in 25 or less. All but lobe-importance Monte Carlo break in 423 to 481 cells, the needles, where no sample meets the
+lobe. Lobe-importance sampling breaks in one, but Monte Carlo lies in 465 to 771 cells: its standard error is taken from
+samples that missed the peak. Lattices and product rules claim no error, so they cannot lie.
 
 The matrix: 28 lobes about an axis at 12 exponents from 0.01 to 10^7 and 4 microfacet lobes at 7 slopes from 0.001 to 2, at 8
 angles from 0 to 90 degrees, in float64 and float32. References: ball arithmetic, slope-space integrals and, for microfacets at
