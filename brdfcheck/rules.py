@@ -79,10 +79,10 @@ def _beta_share(b: Array, ratio: Array, mu: Array) -> Array:
     fall = jnp.exp(-z)
     gamma = math.sqrt(math.pi) * erf(jnp.sqrt(z))
     grown = jnp.sqrt(z) * fall  # z^(k + 1/2) exp(-z)
-    total = jnp.zeros_like(z)
+    total, share = jnp.zeros_like(z), jnp.ones_like(b)  # share: b^-k, which falls to 0 where b^k would overflow
     for k, coefficient in enumerate(_root_series()):
-        total = total + coefficient * gamma / b**k
-        gamma, grown = (k + 0.5) * gamma - grown, grown * z
+        total = total + coefficient * gamma * share
+        gamma, grown, share = (k + 0.5) * gamma - grown, grown * z, share / b
     return jnp.where(inside, total * ratio * jnp.sqrt(b / np.pi), jnp.where(mu > 0, 1.0, 0.0))
 
 

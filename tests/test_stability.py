@@ -92,6 +92,23 @@ def test_derivatives_that_are_off_are_told():
         assert np.all(found == expected)
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_derivatives_of_the_closed_form_hold(dtype):
+    """Also where powers of n overflow single precision: n = 10^7."""
+    slopes = stability.gradients_of(REFERENCES["phong"], stability.of_rule(RULES["closed-form"](64)), dtype)
+    for gradients in slopes.values():
+        assert np.all(stability.gradient_outcomes(gradients, dtype) == Outcome.HOLDS)
+
+
+@pytest.mark.parametrize("lobe", ["lyon6_mirror", "binomial64", "kb", "schlick"])
+def test_closed_forms_are_within_their_claim(lobe):
+    reference = REFERENCES[lobe]
+    rule = stability.of_rule(RULES["closed-form"](64))
+    got = stability.run(rule, lobe, reference.parameters, reference.cosines, np.float64)
+    found = stability.outcomes(got, reference, np.float64)[:, 0]
+    assert np.all(found == Outcome.HOLDS)
+
+
 def test_no_false_verdicts():
     found = stability.false_verdicts(60)
     assert found["false"] == 0
