@@ -73,6 +73,9 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
     failed = []
     first = time.perf_counter()
     for study in chosen:
+        # Also after one that failed: a process may have 65,530 memory maps, and the programs of all studies together take more.
+        jax.clear_caches()
+        gc.collect()
         began = time.perf_counter()
         try:
             with contextlib.redirect_stdout(sys.stderr):
@@ -88,9 +91,6 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
             output.line(f"{study.name}  failed: {type(error).__name__}: {one_line(error)}")
             continue
         output.line(f"{study.name}  {time.perf_counter() - began:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
-        # A process may have 65,530 memory maps, and the programs of all studies together take more.
-        jax.clear_caches()
-        gc.collect()
     if len(chosen) > 1:
         output.line(f"{len(chosen) - len(failed)} of {len(chosen)} studies in {(time.perf_counter() - first) / 60:.1f} minutes")
     try:

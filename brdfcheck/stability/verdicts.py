@@ -74,14 +74,14 @@ def matrix_verdicts(reference: Reference, seed: int = 1) -> dict[str, int]:
 def all_verdicts(references: Sequence[Reference], factors: int, processes: int = 2) -> dict[str, dict[str, int]]:
     """`matrix_verdicts` of all references in both precisions, and `false_verdicts` of so many factors, in float64.
 
-    {"matrix, float64", "matrix, float32", "factors"}: what they count, summed. `processes`: started for this and ended with
+    {"factors", "matrix, float64", "matrix, float32"}: what they count, summed. `processes`: started for this and ended with
     it; with 1 the caller's own does it all.
     """
     at_once = 125
     counts = [min(at_once, factors - start) for start in range(0, factors, at_once)]
     tasks: list[tuple[str, Any, int]] = [("factors", count, seed) for seed, count in enumerate(counts, 1)]
     tasks += [(f"matrix, {kind}", one, seed) for kind in ("float64", "float32") for seed, one in enumerate(references, 1)]
-    found = {kind: Counter[str]() for kind, *_ in sorted(tasks, key=lambda task: task[0], reverse=True)}
+    found = {kind: Counter[str]() for kind, *_ in tasks}
     if processes == 1:
         results = list(map(_counts, tasks))
     else:
