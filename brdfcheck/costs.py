@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -164,33 +162,6 @@ def fastest(job: Callable[[], object], rounds: int) -> float:
         job()
         times.append(time.perf_counter() - began)
     return min(times[2:])
-
-
-def cores() -> list[int]:
-    """The cores that this process may use."""
-    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
-
-
-@contextlib.contextmanager
-def on_one_core() -> Iterator[None]:
-    """Bind every thread of this process to one core: those of XLA too, which it started on all of them.
-
-    Where the system cannot do that, nothing happens.
-    """
-    before = cores()
-    _bind(before[:1])
-    try:
-        yield
-    finally:
-        _bind(before)
-
-
-def _bind(some: Iterable[int]) -> None:
-    if not hasattr(os, "sched_setaffinity"):
-        return
-    for thread in os.listdir("/proc/self/task"):
-        with contextlib.suppress(ProcessLookupError):  # it has ended
-            os.sched_setaffinity(int(thread), set(some))
 
 
 def _program(function: Callable[..., Any], blocks: int) -> Callable[..., Any]:

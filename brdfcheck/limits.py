@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck import catalog, costs, directional, tables
+from brdfcheck.cores import available_cores, on_one_core
 from brdfcheck.lobes import BlinnPhong, Phong
 from brdfcheck.microfacet import CookTorrance
 from brdfcheck.peers import metal_table
@@ -49,7 +50,7 @@ def _path(path: str, job: Callable[[], Any], cells: int, evaluations: float, uni
     """One path: nanoseconds a cell of its floor, on one core and on all."""
     wait = lambda: jax.block_until_ready(job())  # noqa: E731
     every = costs.fastest(wait, rounds)
-    with costs.on_one_core():
+    with on_one_core():
         one = costs.fastest(wait, rounds)
     scale = 1e9 / cells
     return {
@@ -101,7 +102,7 @@ def peer(axis: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
     message = metal_table.missing()
     if message is not None:
         return {"missing": message}
-    table, seconds = metal_table.scipy_table(axis, axis, len(costs.cores()))
+    table, seconds = metal_table.scipy_table(axis, axis, len(available_cores()))
     return {"seconds": seconds, "error": float(np.max(np.abs(table - exact)))}
 
 

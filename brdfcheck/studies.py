@@ -4,7 +4,8 @@ A study is a file with a docstring (question, command, answer) and three functio
 (`settings`, `results`, `summary`: plain numbers; `packages`: names of others that took part, for their versions),
 ``plot(record)`` the figure and ``summary(record)`` the page. This module finds the studies, runs them and writes
 ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery. A fourth function, ``pictures(record)``, may
-give more files that the page shows: their bytes by name.
+give more files that the page shows: their bytes by name. ``ALONE = True`` says that a study wants the machine for itself,
+because it measures time; `run_all` runs the others side by side.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ import json
 import re
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from brdfcheck import plots, records
+from brdfcheck import plots, processes, records
 from brdfcheck.messages import one_line
+from brdfcheck.processes import Finished
 
 SIZES = ("small", "full")
 FILES = ("record.json", "figure.png", "figure.svg", "summary.md")
@@ -31,12 +33,13 @@ _GALLERY = "README.md"
 
 @dataclass(frozen=True)
 class Study:
-    """A study's file, and what its docstring says."""
+    """A study's file, and what it says of itself: question and answer, and whether it wants the machine for itself."""
 
     name: str
     path: Path
     question: str
     answer: str
+    alone: bool = False
 
 
 def folder() -> Path | None:
@@ -57,10 +60,12 @@ def find() -> dict[str, Study]:
 
 
 def _described(path: Path) -> Study:
-    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    text = ast.get_docstring(tree) or ""
     question, _, rest = text.partition("\n\n")
     answer = re.search(r"^Answer: (.*?)(?:\n\n|\Z)", rest, re.DOTALL | re.MULTILINE)
-    return Study(path.stem, path, one_line(question), one_line(answer.group(1)) if answer else "")
+    alone = any(ast.unparse(line) == "ALONE = True" for line in tree.body)
+    return Study(path.stem, path, one_line(question), one_line(answer.group(1)) if answer else "", alone)
 
 
 def load(study: Study) -> ModuleType:
@@ -167,15 +172,44 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
-def main(path: str) -> None:
-    """What a study's file does as a program: ``python studies/NAME.py [small|full]`` writes reports/NAME/."""
+def run_all(chosen: Sequence[Study], size: str, reports: Path) -> Generator[Finished, None, None]:
+    """Run each study in a process of its own and write its report; give how each ended as soon as it has.
+
+    Those that want the machine for themselves come one after the other, then the others side by side, a core for each, the
+    longest first as far as a report in the repository tells.
+    """
+    commands = {study.name: (sys.executable, "-m", __name__, str(study.path), size, str(reports)) for study in chosen}
+    alone = [study.name for study in chosen if study.alone]
+    others = sorted((study for study in chosen if not study.alone), key=_seconds, reverse=True)
+    yield from processes.run_all({name: commands[name] for name in alone}, side_by_side=False)
+    yield from processes.run_all({study.name: commands[study.name] for study in others}, side_by_side=True)
+
+
+def _seconds(study: Study) -> float:
+    """What the study took for the report in the repository; 0 where there is none."""
+    try:
+        record = json.loads((study.path.parent.parent / "reports" / study.name / "record.json").read_text(encoding="utf-8"))
+        return float(record["summary"]["seconds"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0.0
+
+
+def make(path: str | Path, size: str, reports: str | Path) -> Path:
+    """Run the study of a file in double precision and write its report, without the gallery. Returns the report's folder."""
     from brdfcheck.precision import use_compilation_cache, use_x64
 
     use_x64()
     use_compilation_cache()
     study = _described(Path(path))
-    size = sys.argv[1] if len(sys.argv) > 1 else "full"
-    reports = Path("reports")
-    place = write_report(study, record_of(study, size), reports)
-    write_gallery(reports)
+    return write_report(study, record_of(study, size), Path(reports))
+
+
+def main(path: str) -> None:
+    """What a study's file does as a program: ``python studies/NAME.py [small|full]`` writes reports/NAME/ and the gallery."""
+    place = make(path, sys.argv[1] if len(sys.argv) > 1 else "full", "reports")
+    write_gallery(place.parent)
     print(f"wrote {place}")
+
+
+if __name__ == "__main__":
+    make(*sys.argv[1:])

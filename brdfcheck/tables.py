@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -32,6 +31,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck import catalog, directional
 from brdfcheck.brdf import AbstractZonalLobe, TruncatedPowers
+from brdfcheck.cores import available_cores
 from brdfcheck.directional import Albedo
 from brdfcheck.precision import double_precision, is_double
 from brdfcheck.quadrature.moments import MomentOrder, prepare, truncated_powers
@@ -215,10 +215,6 @@ _seen: dict[Any, None] = {}
 _SEEN = 256
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @functools.cache
 def _pool(cores: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores, "brdfcheck-columns")
@@ -230,7 +226,7 @@ def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, col
     `same` tells programs apart; `column`: what one column costs, in cells with shared nodes.
     """
     # Within a program that is being traced (a sweep's) there is nothing to share out.
-    cores = _cores() if jax.default_backend() == "cpu" and not isinstance(mu, Tracer) else 1
+    cores = len(available_cores()) if jax.default_backend() == "cpu" and not isinstance(mu, Tracer) else 1
     parts = min(cores, mu.size, mu.size * column // _LEAST)
     if parts < 2:
         return program(mu)

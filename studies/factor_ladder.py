@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import Any
 
+ALONE = True  # times what it runs
 NAMES = (
     "phong", "blinn-phong", "schlick-mirror", "schlick-half", "kuijk-blake-mirror", "kuijk-blake-half",
     "lyon-1-mirror", "lyon-1-half", "lyon-2-mirror", "lyon-2-half", "lyon-3-mirror", "lyon-3-half",

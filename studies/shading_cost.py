@@ -19,6 +19,7 @@ import itertools
 import time
 from typing import Any
 
+ALONE = True  # times what it runs
 SHADINGS = {"flat": ("#999999", "s"), "gouraud": ("#E69F00", "^"), "phong": ("#0072B2", "o"), "exact sphere": ("#000000", "*")}
 METHODS, MIDDLE, FLOOR = ("area", "oblique", "scan-line"), 3, 1e-7  # of interpolation, on 1280 faces; of the chart
 RATIOS = ("time, Phong to Gouraud", "error", "time, flat to Gouraud", "error", "faces of flat for Gouraud's error, times",

@@ -25,6 +25,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+ALONE = True  # times what it runs
 SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
 LOCAL = """
 import json, os, sys
@@ -44,7 +45,9 @@ def run(size: str) -> dict[str, Any]:
     (exponents, cosines), dear = SIZES[size]
     table = {"brdf": "phong", "axes": {"n": {"geomspace": [1, 1000, exponents]}, "cos_theta": {"linspace": [0, 1, cosines]}}}
     facets = {"brdf": "ggx", "axes": {"alpha": {"linspace": [0.1, 1, dear // 4]}, "cos_theta": [0.1, 0.4, 0.7, 1.0]}}
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+    from brdfcheck.cores import available_cores
+
+    cores = len(available_cores())
     results, skipped = [], []
     with tempfile.TemporaryDirectory(prefix="brdfcheck-study-") as folder:
         for cells, config in (("cheap", table), ("dear", facets)):

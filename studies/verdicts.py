@@ -29,11 +29,12 @@ LABELS = {
 def run(size: str = "full") -> dict[str, Any]:
     """Counts of right, undecided and false verdicts."""
     from brdfcheck import stability
+    from brdfcheck.cores import available_cores
 
     full = size == "full"
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
     chosen = [reference for name, reference in references.items() if full or name in SMALL]
-    found = stability.all_verdicts(chosen, 2000 if full else 20, processes=2 if full else 1)
+    found = stability.all_verdicts(chosen, 2000 if full else 20, processes=min(2, len(available_cores())) if full else 1)
     results = [{"of": of, **found[of]} for of in LABELS]
     summary = {key: sum(found[of][key] for of in LABELS) for key in ("verdicts", "false", "undecided")}
     return {"settings": {"factors": found["factors"]["verdicts"]}, "results": results, "summary": summary}

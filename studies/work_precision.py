@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 # (case, lobe, parameter, cos theta, albedo with factor 1)
+ALONE = True  # times what it runs
 CASES = (
     ("smooth: Phong n = 10, cos θ = 0.7", "Phong", 10.0, 0.7, 0.3666790309883656274900),
     ("sharp: Phong n = 1000, cos θ = 0.7", "Phong", 1000.0, 0.7, 0.004389450813398912429958),

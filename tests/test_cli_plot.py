@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -342,8 +343,12 @@ def test_one_study_that_fails_does_not_stop_the_others(run: Run, here: Path, mon
     monkeypatch.setattr(studies, "find", lambda: chosen)
     code, out, _ = run("study", "all", "--size", "small")
     assert code == ExitCode.FAILED
-    assert "bad  failed: RuntimeError: boom" in out
-    assert "raw_albedo" in out
+    assert "bad  failed: RuntimeError: boom\n" in out
+    assert "wrote reports/raw_albedo: record.json" in out
+    assert re.search(r"^1 of 2 studies in 0\.\d minutes$", out, re.MULTILINE)
+    assert os.listdir("reports/raw_albedo")
+    _, _, err = run("study", "all", "--size", "small", "--debug")
+    assert "Traceback" in err
     assert run("study", "bad")[0] == ExitCode.INTERNAL_ERROR
     monkeypatch.setattr(studies, "find", dict)
     for word in ("list", "all"):

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
 FLOORS = [
-    {"geometry", "precision", "brdf", "family", "messages", "rational", "costs"},
+    {"geometry", "precision", "brdf", "family", "messages", "rational", "costs", "cores", "processes"},
     {"lobes", "microfacet", "factors", "callables", "documents"},
     {"quadrature"},
     {"catalog", "directional", "exact_factors", "minimax"},

@@ -50,13 +50,6 @@ def test_floors():
     assert "error" not in metal
 
 
-def test_one_core_is_one_core_for_every_thread():
-    before = costs.cores()
-    with costs.on_one_core():
-        assert len(costs.cores()) == 1
-    assert costs.cores() == before
-
-
 def test_elements_of_loops_are_counted_as_often_as_they_run():
     def loop(x):
         return jax.lax.map(lambda y: jnp.exp(jnp.sin(y)), x)

@@ -12,11 +12,11 @@ import sys
 import tomllib
 from pathlib import Path
 
-import jax
 import pytest
 
 import brdfcheck
-from brdfcheck import cli, plots, studies
+from brdfcheck import plots, processes, studies
+from brdfcheck.processes import Finished
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDIES = studies.find()
@@ -96,13 +96,43 @@ def test_what_the_studies_found():
     assert ratios["beckmann-smith"]["angle_degrees"] > 80
 
 
-def test_no_study_leaves_its_programs_to_the_next(tmp_path, monkeypatch):
-    """All studies in one process had more memory maps than a process may have, and ended with a segmentation fault."""
-    cleared = []
-    clear = jax.clear_caches
-    monkeypatch.setattr(jax, "clear_caches", lambda: (cleared.append(1), clear()))
-    assert cli.run(("study", "raw_albedo", "normalized_albedo", "--size", "small", "--out", str(tmp_path))) == 0
-    assert len(cleared) >= 2
+# What of a study's record is a time, in nanoseconds or seconds; all studies have the seconds of the whole.
+TIMES = re.compile(r'"[^"]*(seconds|nanoseconds|one_core|cells_per_second)[^"]*": ')
+
+
+def test_studies_that_measure_time_have_the_machine_for_themselves():
+    alone = {name for name, study in STUDIES.items() if study.alone}
+    assert {"limit", "lobe_cost", "shading_cost", "work_precision"} <= alone
+    for name in STUDIES:
+        text = (ROOT / "reports" / name / "record.json").read_text()
+        times = {match.group(0) for match in TIMES.finditer(text)} - {'"seconds": '}
+        if times:
+            assert name in alone, times
+
+
+def test_several_studies_are_processes_of_their_own(tmp_path, monkeypatch):
+    begun = []
+
+    def finished(commands, *, side_by_side):
+        begun.append((list(commands), side_by_side))
+        yield from (Finished(name, 0, 1.0, "") for name in commands)
+
+    monkeypatch.setattr(processes, "run_all", finished)
+    names = ("raw_albedo", "stability", "limit", "renders", "enclosure")
+    ends = studies.run_all([STUDIES[name] for name in names], "small", tmp_path)
+    assert [end.name for end in ends] == ["limit", "enclosure", "stability", "renders", "raw_albedo"]
+    # Those that measure time as given; the others as long as they took for the report, the longest first.
+    assert begun == [(["limit", "enclosure"], False), (["stability", "renders", "raw_albedo"], True)]
+
+
+def test_the_report_of_a_process_is_the_one_of_this_one(tmp_path):
+    chosen = [STUDIES["raw_albedo"], STUDIES["factor_objectives"]]
+    assert {end.name: end.code for end in studies.run_all(chosen, "small", tmp_path)} == dict.fromkeys(
+        ("raw_albedo", "factor_objectives"), 0
+    )
+    for study in chosen:
+        ours, theirs = studies.record_of(study, "small"), json.loads((tmp_path / study.name / "record.json").read_text())
+        assert json.loads(studies.to_json(ours["results"])) == theirs["results"]
 
 
 # --- the gallery ---

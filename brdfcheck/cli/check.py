@@ -17,6 +17,7 @@ import typer
 
 from brdfcheck.cli.app import EXIT_CODES, Debug, ExitCode, Filter, Json, Task, app, filtered, refuse_outputs, start
 from brdfcheck.cli.output import Output, save
+from brdfcheck.cores import available_cores
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.user_brdf import parse_cosines, parse_number, parse_over
 
@@ -143,7 +144,7 @@ def _settings(tolerance: str, rtol: str | None, jobs: str | None, substring: str
     accuracy = None if rtol is None else parse_number(rtol, "--rtol")
     if accuracy is not None and not 0 < accuracy < 1:
         raise UsageError(f"--rtol: must be above 0 and below 1; got {rtol}")
-    workers = _default_jobs() if jobs is None else parse_number(jobs, "--jobs")
+    workers = min(4, len(available_cores())) if jobs is None else parse_number(jobs, "--jobs")
     if workers < 1 or workers != int(workers):
         raise UsageError(f"--jobs: must be a whole number, at least 1; got {jobs}")
     settings = _Settings(allowed, accuracy, int(workers), substring, json, **others)
@@ -151,11 +152,6 @@ def _settings(tolerance: str, rtol: str | None, jobs: str | None, substring: str
         raise UsageError("--junitxml: needs a file name; only --json can write to stdout")
     refuse_outputs({"--json": settings.json, "--junitxml": settings.junit})
     return settings
-
-
-def _default_jobs() -> int:
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(4, count)
 
 
 # --- the work ---
@@ -257,7 +253,7 @@ def _evaluate(
         step = -1 if all(target.file is None for target in targets) else 1
         futures = [pool.submit(_report, target, settings, debug) for target in targets[::step]][::step]
         waiting, written = set(futures), 0
-        with output.progress(len(futures)) as advance:
+        with output.progress(len(futures), "checking") as advance:
             while waiting:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:

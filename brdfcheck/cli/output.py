@@ -70,8 +70,8 @@ class Output:
             yield lambda text: line.update(task, description=text)
 
     @contextlib.contextmanager
-    def progress(self, count: int) -> Iterator[Callable[[], None]]:
-        """A bar with the time left, on a terminal; gives what to call for each BRDF that is done."""
+    def progress(self, count: int, doing: str) -> Iterator[Callable[[], None]]:
+        """A bar with the time left, on a terminal; `doing` says what for; gives what to call for each that is done."""
         stream = self.terminal()
         if stream is None:
             yield lambda: None
@@ -88,7 +88,7 @@ class Output:
 
         bar: Progress = Progress(
             SpinnerColumn(),
-            TextColumn("checking"),
+            TextColumn(doing),
             BarColumn(bar_width=32),
             MofNCompleteColumn(),
             TimeRemainingColumn(),

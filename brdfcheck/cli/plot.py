@@ -282,7 +282,7 @@ def _computed(
     for word, results in fits.items():
         jobs.append((word, [_fit_job(word, result, settings) for result in results]))
     found: dict[str, list[Curve]] = {}
-    with output.progress(sum(len(parts) for _, parts in jobs)) as advance:
+    with output.progress(sum(len(parts) for _, parts in jobs), "computing") as advance:
         for word, parts in jobs:
             found[word] = []
             for part in parts:

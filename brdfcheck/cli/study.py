@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import gc
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,7 +31,8 @@ Examples:
   brdfcheck study all --size small --out quick
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
-FOLDER/README.md. The full sizes take less than two minutes each on two cores.""",
+FOLDER/README.md. The full sizes take less than two minutes each on two cores. Several studies run in processes of
+their own, side by side but for those that measure time.""",
 )
 def _study(
     names: Annotated[
@@ -56,8 +55,6 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
         raise UsageError("say which study: a name, all, or list (brdfcheck study list)")
     if len(names) > 1 and {"list", "all"} & set(names):
         raise UsageError("list and all stand alone: give either one of them or names of studies")
-    import jax
-
     from brdfcheck import studies
 
     known = studies.find()
@@ -69,35 +66,58 @@ def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
     chosen = list(known.values()) if names == ("all",) else [_named(name, known) for name in dict.fromkeys(names)]
     reports = Path(out)
     _refuse_folder(reports, out)
-    start()
-    failed = []
-    first = time.perf_counter()
-    for study in chosen:
-        # Also after one that failed: a process may have 65,530 memory maps, and the programs of all studies together take more.
-        jax.clear_caches()
-        gc.collect()
-        began = time.perf_counter()
-        try:
-            with contextlib.redirect_stdout(sys.stderr):
-                place = studies.write_report(study, studies.record_of(study, size), reports)
-        except OSError as error:
-            raise UsageError(f"--out: cannot write to {out!r}: {error.strerror or one_line(error)}") from None
-        except Exception as error:
-            if debug:
-                traceback.print_exc()
-            if len(chosen) == 1:
-                raise
-            failed.append(study.name)
-            output.line(f"{study.name}  failed: {type(error).__name__}: {one_line(error)}")
-            continue
-        output.line(f"{study.name}  {time.perf_counter() - began:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
     if len(chosen) > 1:
-        output.line(f"{len(chosen) - len(failed)} of {len(chosen)} studies in {(time.perf_counter() - first) / 60:.1f} minutes")
+        return _run_several(chosen, size, reports, out, debug, output)
+    start()
+    (study,) = chosen
+    began = time.perf_counter()
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            place = studies.write_report(study, studies.record_of(study, size), reports)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    _wrote(study.name, time.perf_counter() - began, place, output)
+    _write_gallery(reports, out, output)
+    return ExitCode.PASSED
+
+
+def _run_several(chosen: list[Study], size: str, reports: Path, out: str, debug: bool, output: Output) -> int:
+    from brdfcheck import studies
+
+    began, failed = time.perf_counter(), 0
+    # What is left when this is interrupted ends with it.
+    with contextlib.closing(studies.run_all(chosen, size, reports)) as ends:
+        for end in ends:
+            if end.code:
+                failed += 1
+                output.line(f"{end.name}  failed: {one_line(end.last_words)}")
+                if debug:
+                    sys.stderr.write(end.output)
+            else:
+                _wrote(end.name, end.seconds, reports / end.name, output)
+    minutes = (time.perf_counter() - began) / 60
+    output.line(f"{len(chosen) - failed} of {len(chosen)} studies in {minutes:.1f} minutes")
+    _write_gallery(reports, out, output)
+    return ExitCode.FAILED if failed else ExitCode.PASSED
+
+
+def _wrote(name: str, seconds: float, place: Path, output: Output) -> None:
+    from brdfcheck import studies
+
+    output.line(f"{name}  {seconds:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
+
+
+def _write_gallery(reports: Path, out: str, output: Output) -> None:
+    from brdfcheck import studies
+
     try:
         output.line(f"wrote {studies.write_gallery(reports)}")
     except OSError as error:
-        raise UsageError(f"--out: cannot write to {out!r}: {error.strerror or one_line(error)}") from None
-    return ExitCode.FAILED if failed else ExitCode.PASSED
+        raise _unwritable(out, error) from None
+
+
+def _unwritable(out: str, error: OSError) -> UsageError:
+    return UsageError(f"--out: cannot write to {out!r}: {error.strerror or one_line(error)}")
 
 
 def _list(known: dict[str, Study], output: Output) -> int:

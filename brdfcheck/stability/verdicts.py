@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -12,6 +11,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.exact_factors import exact_factor
 from brdfcheck.factors import AbstractFactor, Normalized
 from brdfcheck.family import Family
@@ -86,9 +86,9 @@ def all_verdicts(references: Sequence[Reference], factors: int, processes: int =
         results = list(map(_counts, tasks))
     else:
         start = multiprocessing.get_context("spawn")
-        cores = start.SimpleQueue()
+        cores, mine = start.SimpleQueue(), available_cores()
         for place in range(processes):
-            cores.put(place)
+            cores.put(mine[place % len(mine)])
         with ProcessPoolExecutor(processes, mp_context=start, initializer=_begin, initargs=(cores,)) as pool:
             results = list(pool.map(_counts, tasks))
     for (kind, *_), result in zip(tasks, results, strict=True):
@@ -98,9 +98,7 @@ def all_verdicts(references: Sequence[Reference], factors: int, processes: int =
 
 def _begin(cores: Any) -> None:
     """A core for each process: XLA then starts one thread, and processes do not wait for each other's."""
-    if hasattr(os, "sched_setaffinity"):
-        mine = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {mine[cores.get() % len(mine)]})
+    bind_thread(cores.get())
     use_x64()
     use_compilation_cache()
 

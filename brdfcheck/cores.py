@@ -1,0 +1,47 @@
+"""The cores that this process may use, and how it, a thread or other processes are bound to some of them.
+
+XLA starts a thread for each core that it finds and its programs wait for them all: processes that share the cores then wait
+for each other (two processes on two cores spent half of their time so). With a core for each nobody waits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterable, Iterator
+
+
+def available_cores() -> list[int]:
+    """The cores that this process may use."""
+    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+
+
+def bind_thread(core: int) -> None:
+    """Bind the calling thread, and every thread and process that it starts from now on, to one core.
+
+    Where the system cannot do that, nothing happens.
+    """
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {core})
+
+
+@contextlib.contextmanager
+def on_one_core() -> Iterator[None]:
+    """Bind every thread of this process to one core: those of XLA too, which it started on all of them.
+
+    Where the system cannot do that, nothing happens.
+    """
+    before = available_cores()
+    _bind_process(before[:1])
+    try:
+        yield
+    finally:
+        _bind_process(before)
+
+
+def _bind_process(some: Iterable[int]) -> None:
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    for thread in os.listdir("/proc/self/task"):
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            os.sched_setaffinity(int(thread), set(some))

@@ -1,0 +1,94 @@
+"""Commands run as processes: side by side with a core for each, or one at a time with all cores."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+
+from brdfcheck.cores import available_cores, bind_thread
+
+# Seconds that a process has to end itself once it is told of an interruption.
+_GRACE = 5.0
+
+
+@dataclass(frozen=True)
+class Finished:
+    """How a process ended: its exit status (negative: the signal that ended it), its seconds, and what it wrote."""
+
+    name: str
+    code: int
+    seconds: float
+    output: str
+
+    @property
+    def last_words(self) -> str:
+        """The last line that it wrote: of a traceback that is the error. Where it wrote nothing, how it ended."""
+        lines = self.output.strip().splitlines()
+        if lines:
+            return lines[-1].strip()
+        return f"ended by signal {-self.code}" if self.code < 0 else f"ended with exit code {self.code}"
+
+
+def run_all(commands: Mapping[str, Sequence[str]], *, side_by_side: bool) -> Generator[Finished, None, None]:
+    """Run the commands by name, begun in their order, and give how each ended as soon as it has.
+
+    Side by side: as many at once as this process has cores, each bound to one of its own. Otherwise one after the other, each
+    on all of them. An exception in the caller, or closing the iterator, ends the processes: they are interrupted, and killed
+    where that is not enough.
+    """
+    cores: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+    places = available_cores() if side_by_side else [None]
+    for core in places:
+        cores.put(core)
+    lock, ended = threading.Lock(), False
+    running: dict[str, subprocess.Popen[str]] = {}
+
+    def run(name: str) -> Finished | None:
+        core = cores.get()
+        try:
+            if core is not None:
+                bind_thread(core)  # and with it the process that it starts
+            began = time.perf_counter()
+            with lock:
+                if ended:
+                    return None
+                process = subprocess.Popen(
+                    commands[name], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                    errors="backslashreplace",
+                )  # fmt: skip
+                running[name] = process
+            output, _ = process.communicate()
+            del running[name]
+            return Finished(name, process.returncode, time.perf_counter() - began, output)
+        finally:
+            cores.put(core)
+
+    with ThreadPoolExecutor(len(places), "brdfcheck-process") as pool:
+        futures = [pool.submit(run, name) for name in commands]
+        try:
+            for future in as_completed(futures):
+                result = future.result()
+                assert result is not None
+                yield result
+        finally:
+            with lock:
+                ended = True
+            pool.shutdown(wait=False, cancel_futures=True)
+            _end(list(running.values()))
+
+
+def _end(processes: Sequence[subprocess.Popen[str]]) -> None:
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + _GRACE
+    for process in processes:
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()

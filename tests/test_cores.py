@@ -1,0 +1,60 @@
+"""The cores that this process may use, and binding to one."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+
+from brdfcheck import cores
+
+
+def test_the_cores_are_those_of_the_affinity(monkeypatch):
+    assert cores.available_cores() == sorted(set(cores.available_cores())) != []
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {5, 3}, raising=False)
+    assert cores.available_cores() == [3, 5]
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    assert cores.available_cores() == [0, 1, 2]
+
+
+def test_one_core_is_one_core_for_every_thread():
+    before = cores.available_cores()
+    seen, go = [], threading.Event()
+
+    def look() -> None:
+        go.wait(20)
+        seen.append(cores.available_cores())
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    with cores.on_one_core():
+        assert cores.available_cores() == before[:1]
+        go.set()
+        thread.join()
+    assert seen == [before[:1]]
+    assert cores.available_cores() == before
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads are not bound on this system")
+def test_a_bound_thread_leaves_the_others_where_they_are():
+    before, seen = cores.available_cores(), []
+
+    def bound() -> None:
+        cores.bind_thread(before[-1])
+        seen.append(cores.available_cores())
+
+    thread = threading.Thread(target=bound)
+    thread.start()
+    thread.join()
+    assert seen == [before[-1:]]
+    assert cores.available_cores() == before
+
+
+def test_where_the_system_binds_nothing_nothing_happens(monkeypatch):
+    before = cores.available_cores()
+    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
+    cores.bind_thread(before[0])
+    with cores.on_one_core():
+        assert cores.available_cores() == before
