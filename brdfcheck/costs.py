@@ -155,9 +155,12 @@ def gain(kernel: Kernel, threads: int, evaluations: int, dtype: Any, *, rounds: 
 
 
 def fastest(job: Callable[[], object], rounds: int) -> float:
-    """Seconds of the fastest round, after the two in which programs are compiled. `job` returns when all is done."""
-    times = []
-    for _ in range(rounds + 2):
+    """Seconds of the fastest round, after the two in which programs are compiled. `job` returns when all is done.
+
+    A slow job has fewer rounds.
+    """
+    times: list[float] = []
+    while len(times) < rounds + 2 and (len(times) < _LEAST_ROUNDS or sum(times[2:]) < _BUDGET):
         began = time.perf_counter()
         job()
         times.append(time.perf_counter() - began)

@@ -21,6 +21,9 @@ from brdfcheck import records
 from brdfcheck.peers import AbstractPeer
 from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 
+# Budgets after which a rule that compiles nothing is not run a second time.
+_MUCH = 10
+
 
 @dataclass(frozen=True)
 class WorkPrecision:
@@ -88,7 +91,7 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     """Run a rule on a case. `repeats`: of the timing; `runs`: with other keys, of a rule with chance in it.
 
     No more repeats are begun once `budget` seconds are spent, but one always is: `warm_seconds` never holds what the first
-    call compiles. Errors of the rule pass through.
+    call compiles; but a peer that compiles nothing is not run again after ten times the budget. Errors of the rule pass through.
     """
     mu = jnp.asarray(case.cos_theta, case.dtype)
     keys = [jax.random.key(seed) for seed in range(runs)] if rule.random else [None]
@@ -96,9 +99,11 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     program = (lambda brdf, mu, key: rule(brdf, mu, key=key)) if rule.on_host else _compiled(rule)
     first, answer = _timed(program, case.brdf, mu, keys[0])
     warm, spent = math.inf, 0.0
-    # Rules on the host are timed a second time, once: some compile too (quadax takes seconds), and what the first call took
-    # must not pass for the time of an albedo.
+    # Rules on the host are timed a second time, once: some compile too, and what the first call took must not pass for the time
+    # of an albedo. Where one that compiles nothing took very long, that was it.
     repeats = 1 if rule.on_host else max(repeats, 1)
+    if rule.on_host and not getattr(rule, "compiles", False) and first > _MUCH * budget:
+        warm, repeats = first, 0
     for _ in range(repeats):
         seconds, answer = _timed(program, case.brdf, mu, keys[0])
         warm, spent = min(warm, seconds), spent + seconds

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,6 +50,17 @@ def test_floors():
     metal = limits.facets("metal", limits.METAL, np.array([0.2, 0.6]), 1.0, 1, 1e-4)
     assert metal["floor"] == metal["evaluations"] > 1000
     assert "error" not in metal
+
+
+def test_a_slow_job_has_fewer_rounds():
+    calls = []
+
+    def job() -> None:
+        calls.append(1)
+        time.sleep(0.7)
+
+    assert 0.7 <= costs.fastest(job, 50) < 2
+    assert len(calls) == 5  # two of them to compile
 
 
 def test_elements_of_loops_are_counted_as_often_as_they_run():

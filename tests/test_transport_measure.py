@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import jax
 import numpy as np
@@ -93,3 +94,17 @@ def test_radii_and_where_they_cross_one():
     assert radius.value == pytest.approx(1, abs=1e-4)
     with pytest.raises(ValueError, match="parameters must rise"):
         transport.radii(Lambert, (0.5, 0.5))
+
+
+@pytest.mark.parametrize(("seconds", "calls"), [(0.6, 3), (0.0, 6)])
+def test_what_is_slow_is_repeated_less(seconds, calls):
+    called = []
+
+    def run() -> int:
+        called.append(1)
+        time.sleep(seconds)
+        return len(called)
+
+    best, answer = measure.timed(run, 5)
+    assert seconds <= best < seconds + 0.3
+    assert answer == len(called) == calls  # one of them to compile

@@ -66,6 +66,7 @@ class Compiling(AbstractPeer):
     needs: ClassVar[str] = "anything"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
+    compiles: ClassVar[bool] = True
     called: ClassVar[list[float]] = []
 
     @classmethod
@@ -89,6 +90,26 @@ def test_what_a_peer_compiles_is_not_its_warm_time():
         assert point.warm_seconds < 0.15
         assert point.compile_seconds > 0.15
     assert points[0].versions["numpy"] == np.__version__
+
+
+class Slow(Compiling):
+    """One that takes its time always and says so."""
+
+    compiles: ClassVar[bool] = False
+
+    def compute(self, core, mu, key):
+        self.called.append(self.seconds)
+        time.sleep(self.seconds)
+        return Raw(SMOOTH.reference, 0.0, 1)
+
+
+@pytest.mark.parametrize(("budget", "times"), [(0.01, 1), (1.0, 2)])
+def test_a_slow_peer_that_compiles_nothing_is_run_once(monkeypatch, budget, times):
+    monkeypatch.setattr(Slow, "called", [])
+    point = measure(Slow(0.2), SMOOTH, budget=budget)
+    assert len(Slow.called) == times
+    assert 0.2 <= point.warm_seconds < 1
+    assert point.compile_seconds < 0.15
 
 
 @pytest.mark.peers

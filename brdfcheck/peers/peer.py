@@ -8,7 +8,7 @@ import importlib.util
 import math
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -31,9 +31,13 @@ class BudgetSpent(Exception):
 
 
 class AbstractPeer(AbstractRule):
-    """An integrator of another package. `package` is the name under which it is installed and imported."""
+    """An integrator of another package. `package` is the name under which it is installed and imported.
+
+    `compiles`: whether its first call on a BRDF compiles a program, which takes seconds.
+    """
 
     package: eqx.AbstractClassVar[str]
+    compiles: ClassVar[bool] = False
 
     @classmethod
     @abc.abstractmethod

@@ -71,6 +71,7 @@ class QuadaxNested(AbstractPeer):
     needs: ClassVar[str] = "a scalar function f(wi, wo) that JAX can trace"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
+    compiles: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
         self.tolerance = checked_tolerance(tolerance)
@@ -103,6 +104,7 @@ class QuadaxCubature(AbstractPeer):
     needs: ClassVar[str] = "a function f(wi, wo) that JAX can trace"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
+    compiles: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
         self.tolerance = checked_tolerance(tolerance)
