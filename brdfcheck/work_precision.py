@@ -91,7 +91,7 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     """Run a rule on a case. `repeats`: of the timing; `runs`: with other keys, of a rule with chance in it.
 
     No more repeats are begun once `budget` seconds are spent, but one always is: `warm_seconds` never holds what the first
-    call compiles; but a peer that compiles nothing is not run again after ten times the budget. Errors of the rule pass through.
+    call compiles. A peer that compiles nothing and took ten times the budget is not run again. Errors of the rule pass through.
     """
     mu = jnp.asarray(case.cos_theta, case.dtype)
     keys = [jax.random.key(seed) for seed in range(runs)] if rule.random else [None]
