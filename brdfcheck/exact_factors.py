@@ -7,7 +7,6 @@ those of the cosine powers are in `factors`.
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any, final
 
@@ -19,28 +18,12 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf import Form, checked_form
 from brdfcheck.factors import AbstractFactor, BlinnPhongExact, PhongExact
 from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
+from brdfcheck.quadrature.gauss import gauss
 
 # The versine (the cosine) at which the lobe meets the horizon.
 _END = {"mirror": 1.0, "half": 1 - math.sqrt(0.5)}
 # Between these exponents Schlick's antiderivative cancels, and its pole is so far away that 24 Gauss nodes give 1e-15.
 _FAR_POLE = (0.25, 4.0)
-
-
-@functools.cache
-def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Gauss and Legendre on [0, 1].
-
-    By Newton's method in the machine's longest numbers: numpy's weights are off by 3e-13 for 34 nodes, and a lobe of power 64
-    rests on the outermost few.
-    """
-    x = np.polynomial.legendre.leggauss(count)[0].astype(np.longdouble)
-    for _ in range(2):
-        before, value = np.ones_like(x), x
-        for degree in range(2, count + 1):
-            before, value = value, ((2 * degree - 1) * x * value - (degree - 1) * before) / degree
-        slope = count * (x * value - before) / (x * x - 1)
-        x = x - value / slope
-    return ((x + 1) / 2).astype(float), (1 / ((1 - x * x) * slope**2)).astype(float)
 
 
 def _weight(form: Form, versine: Any) -> Any:
@@ -71,7 +54,7 @@ class TruncatedPowerExact(AbstractFactor):
         if self.clamped:
             end = jnp.minimum(end, self.k / jnp.maximum(n, self.k))
         total = jnp.zeros_like(n)
-        for node, weight in zip(*_gauss((self.k + 5) // 2), strict=True):
+        for node, weight in zip(*gauss((self.k + 5) // 2), strict=True):
             versine = end * float(node)
             total = total + float(weight) * _weight(self.form, versine) * (1 - n * versine / self.k) ** self.k
         return 1 / (end * total)
@@ -109,7 +92,7 @@ class SchlickExact(AbstractFactor):
             logarithm = jnp.log(jnp.abs((pole - start) * (large - 1)))  # A - 1 = 1/(n-1)
             closed = 8 * np.pi / (large - 1) * ((2 * pole**4 - pole**2) * logarithm - quotient)
         small, end, near = jnp.where(gauss, n, high), _END[self.form], jnp.zeros_like(n)
-        for node, weight in zip(*_gauss(24), strict=True):
+        for node, weight in zip(*gauss(24), strict=True):
             versine = end * float(node)
             near = near + end * float(weight) * _weight(self.form, versine) * (1 - versine) / (small * versine + 1 - versine)
         return 1 / jnp.where(gauss, near, closed)
@@ -140,7 +123,7 @@ class KuijkBlakeExact(AbstractFactor):
         # Where p lies beyond q there is no second piece; the safe value keeps its gradient finite.
         spread = jnp.where(q > p, q * (q - p), 1)
         near, far = jnp.zeros_like(n), jnp.zeros_like(n)
-        for node, weight in zip(*_gauss(12), strict=True):
+        for node, weight in zip(*gauss(12), strict=True):
             a = near_end * float(node)
             near = near + float(weight) * (1 - a * a / (p * q)) * jnp.sin(wave * a)
             b = near_end + (far_end - near_end) * float(node)

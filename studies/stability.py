@@ -59,20 +59,18 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by method and precision, the known failures with cause and remedy, and the maps."""
-    from brdfcheck.plots.outcomes import OUTCOMES, file_of
+    from brdfcheck.plots.outcomes import cells, shown
     from brdfcheck.stability import KNOWN_FAILURES
     from brdfcheck.studies import table
 
     counts = record["summary"]["counts"]
-    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
-    methods = dict.fromkeys(row["method"] for row in counts)
     return "\n\n".join((
         "Cells of the matrix by outcome. Holds: relative error at most 1e-8 in float64, 1e-4 in float32. Lies: wrong by more"
         " than the rule's own claim. Breaks: not finite, or wrong by half. Left out: cells for which a rule has no formula.",
-        table(("method", "of", "precision", *OUTCOMES), rows),
+        table(*cells(counts)),
         "What fails, with cause and remedy:",
         table(("what fails", "cause", "remedy"), KNOWN_FAILURES),
-        *(f"`{method}`:\n\n![{method}]({file_of(method)})" for method in methods),
+        *shown(counts),
     ))  # fmt: skip
 
 

@@ -60,18 +60,16 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by method, derivative and precision, and the maps."""
-    from brdfcheck.plots.outcomes import OUTCOMES, file_of
+    from brdfcheck.plots.outcomes import cells, shown
     from brdfcheck.studies import table
 
     counts = record["summary"]["counts"]
-    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
-    methods = dict.fromkeys(row["method"] for row in counts)
     return "\n\n".join((
         "Cells of the matrix by outcome. Holds: n dE/dn (m dE/dm) or dE/dtheta is off by at most 1e-3 in float64, 1e-2 in"
         " float32, of the larger of itself and E. Breaks: not finite, or wrong by half. No rule claims an error of a"
         " derivative, so none lies. Left out: cells without a formula, and derivatives beyond the precision.",
-        table(("method", "of", "precision", *OUTCOMES), rows),
-        *(f"`{method}`:\n\n![{method}]({file_of(method)})" for method in methods),
+        table(*cells(counts)),
+        *shown(counts),
     ))  # fmt: skip
 
 

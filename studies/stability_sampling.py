@@ -55,17 +55,15 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by rule and precision, and the maps."""
-    from brdfcheck.plots.outcomes import OUTCOMES, file_of
+    from brdfcheck.plots.outcomes import cells, shown
     from brdfcheck.studies import table
 
     counts = record["summary"]["counts"]
-    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
-    methods = dict.fromkeys(row["method"] for row in counts)
     return "\n\n".join((
         "Cells of the matrix by outcome. Holds: relative error at most 1e-8 in float64, 1e-4 in float32. Lies: wrong by more"
         " than the rule's own claim. Breaks: not finite, or wrong by half. Left out: cells for which a rule has no formula.",
-        table(("method", "of", "precision", *OUTCOMES), rows),
-        *(f"`{method}`:\n\n![{method}]({file_of(method)})" for method in methods),
+        table(*cells(counts)),
+        *shown(counts),
     ))  # fmt: skip
 
 

@@ -11,31 +11,19 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.stability import references
 
 REFERENCES = Path(__file__).parent / "references"
 
-LOBES: dict[str, Callable[[Any], Any]] = {
-    "phong": Phong,
-    "blinn": BlinnPhong,
-    "schlick": Schlick,
-    "schlick_half": lambda n: Schlick(n, "half"),
-    "kb": KuijkBlake,
-    "kb_half": lambda n: KuijkBlake(n, "half"),
-    "lyon1": lambda n: Lyon(n, 1),
-    "lyon2": lambda n: Lyon(n, 2),
-    "lyon3": lambda n: Lyon(n, 3),
-    "lyon1_mirror": lambda n: Lyon(n, 1, "mirror"),
-    "lyon2_mirror": lambda n: Lyon(n, 2, "mirror"),
-    "lyon3_mirror": lambda n: Lyon(n, 3, "mirror"),
-    "lyon4_mirror": lambda n: Lyon(n, 4, "mirror"),
-    "binomial8": lambda n: BinomialPower(n, 8),
-    "binomial16": BinomialPower,
-    "binomial16_mirror": lambda n: BinomialPower(n, form="mirror"),
-    "binomial16_unclamped": lambda n: BinomialPower(n, clamped=False),
-    "binomial16_mirror_unclamped": lambda n: BinomialPower(n, form="mirror", clamped=False),
-}
+LOBES = {
+    name: references.LOBES[name]
+    for name in (
+        "phong", "blinn", "schlick", "schlick_half", "kb", "kb_half", "lyon1", "lyon2", "lyon3", "lyon1_mirror", "lyon2_mirror",
+        "lyon3_mirror", "lyon4_mirror", "binomial8", "binomial16", "binomial16_mirror", "binomial16_unclamped",
+        "binomial16_mirror_unclamped",
+    )
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

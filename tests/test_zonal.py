@@ -19,7 +19,8 @@ from problems import (
 
 from brdfcheck.directional import albedo
 from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Phong, Schlick
-from brdfcheck.quadrature.polar import Order, gauss, graded_gauss
+from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.quadrature.polar import Order, graded_gauss
 from brdfcheck.quadrature.zonal import zonal_weights
 
 TABLES = zonal_tables()
@@ -120,6 +121,18 @@ def test_a_rule_fails_past_its_degree():
     y, v = graded_gauss(40, 3, 4)
     assert np.sum(v) == pytest.approx(1, rel=1e-14)
     assert np.sum(v * y**1.5) == pytest.approx(1 / 2.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 34, 200])
+def test_gauss_weights_have_all_their_digits(count):
+    x, w = gauss(count)
+    degree = 2 * count - 2
+    # All of it rests on the outermost nodes, whose weights numpy has to 3e-13 for 34 nodes.
+    for ends in (x, 1 - x):
+        assert np.sum(w * ends**degree) == pytest.approx(1 / (degree + 1), rel=3e-16 * (1 + degree))
+    assert np.sum(w) == pytest.approx(1, rel=4e-16)
+    with pytest.raises(ValueError, match="read-only"):
+        w[0] = 0
 
 
 def test_too_few_nodes_are_noticed_by_the_error_bar():

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.budgets.scenes import Room
-from brdfcheck.quadrature.polar import gauss
+from brdfcheck.quadrature.gauss import gauss
 from brdfcheck.scene.values import Vector
 from brdfcheck.transport import box
 

@@ -38,6 +38,17 @@ def file_of(method: str) -> str:
     return method.replace(", ", "-").replace(" ", "-") + ".png"
 
 
+def cells(counts: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows of a table of counts, as `brdfcheck.stability.counted` gives them."""
+    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
+    return ("method", "of", "precision", *OUTCOMES), rows
+
+
+def shown(counts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Markdown that shows the map of each method that was counted."""
+    return [f"`{method}`:\n\n![{method}]({file_of(method)})" for method in dict.fromkeys(row["method"] for row in counts)]
+
+
 def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
     """A bar for each method, precision and quantity: which part of its cells became what.
 

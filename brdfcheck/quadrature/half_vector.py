@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import AbstractMicrofacetLobe
-from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes, safe_root
+from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes, safe_root
 
 _TINY = 1e-18
 

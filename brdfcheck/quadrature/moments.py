@@ -26,7 +26,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import Form
-from brdfcheck.quadrature.polar import gauss, graded_gauss, grazing_safe, safe_root
+from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.quadrature.polar import graded_gauss, grazing_safe, safe_root
 
 Measure = Literal["versine", "angle"]
 

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import Form
+from brdfcheck.quadrature.gauss import gauss
 
 # Added to every cosine, so that none is 0: no result depends on it, and its square is normal in float32.
 _SMALLEST_COSINE = 1e-18
@@ -51,13 +52,6 @@ class PolarNodes(NamedTuple):
     azimuth: Array  # p: the azimuth runs over [-p, p]
     horizon: Array  # cos(d) sin(f): 0 inside the full circles
     weight: Array
-
-
-@functools.cache
-def gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Legendre nodes and weights on [0, 1], float64."""
-    x, w = np.polynomial.legendre.leggauss(count)
-    return (1 + x) / 2, w / 2
 
 
 @functools.cache

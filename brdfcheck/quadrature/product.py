@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.quadrature.polar import gauss
+from brdfcheck.quadrature.gauss import gauss
 from brdfcheck.quadrature.rule import AbstractRule, Raw, block_count, by_blocks, checked_count, evaluate, light, on_sphere
 
 

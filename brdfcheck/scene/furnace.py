@@ -18,7 +18,8 @@ from jaxtyping import Array, Float
 from brdfcheck import geometry
 from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
 from brdfcheck.factors import peel
-from brdfcheck.quadrature.polar import Order, gauss, grazing_safe, polar_nodes, safe_root
+from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes, safe_root
 from brdfcheck.scene.fresnel import FRESNELS
 from brdfcheck.scene.values import TINY
 

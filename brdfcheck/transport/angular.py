@@ -31,6 +31,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck import geometry
 from brdfcheck.directional import albedo
+from brdfcheck.quadrature.gauss import gauss
 from brdfcheck.transport.completion import Completed
 from brdfcheck.transport.radiosity import checked_steps
 from brdfcheck.transport.solution import Radius, power_iteration
@@ -139,10 +140,10 @@ def angular_operator(brdf: Callable[..., Any], *, nodes: int = 192, azimuths: in
     """
     if not callable(brdf):
         raise TypeError(f"a BRDF must be callable, f(wi, wo); got {type(brdf).__name__}")
-    x, w = np.polynomial.legendre.leggauss(checked_steps(nodes, "nodes"))
+    x, w = gauss(checked_steps(nodes, "nodes"))
     leaves = [leaf for leaf in jax.tree.leaves(brdf) if eqx.is_inexact_array(leaf)]
     dtype = jnp.result_type(*leaves) if leaves else jnp.asarray(0.0).dtype
-    cosines, weights = np.append((1 + x) / 2, 1.0), np.append(w / 2, 0.0)
+    cosines, weights = np.append(x, 1.0), np.append(w, 0.0)
     turns = _azimuths(checked_steps(azimuths, "azimuths"))
     mu, weight, *turns = (jnp.asarray(part, dtype) for part in (cosines, weights, *turns))
     value, error = (jnp.asarray(part, dtype) for part in _albedo(brdf, mu))

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf import AbstractBRDF
 from brdfcheck.directional import albedo
+from brdfcheck.quadrature.gauss import gauss
 
 _NODES = 4097
 
@@ -50,10 +51,9 @@ def completed(brdf: Any) -> Completed:
         raise ValueError(f"only a BRDF of one channel can be completed; got the albedo's shape {value.shape}")
     lost = jnp.maximum(1 - value, 0)
     # c is linear in the root s of the cosine: the integral of c 4 s^3 ds is exact with three Gauss nodes a step.
-    x, w = np.polynomial.legendre.leggauss(3)
-    part = (1 + x) / 2
+    part, w = gauss(3)
     s = roots[:-1, None] + part / (_NODES - 1)
-    weight = 4 * s**3 * w / 2 / (_NODES - 1)
+    weight = 4 * s**3 * w / (_NODES - 1)
     exact = np.asarray(lost, float)
     mean = float(np.sum(weight * (exact[:-1, None] * (1 - part) + exact[1:, None] * part)))
     if not mean > 1e-6:

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from brdfcheck.quadrature.gauss import gauss
+
 _EPSILON = float(np.finfo(float).eps)
 # Rounding of one corner by the sum of its parts' sizes: two differences, a root, a quotient, an arc tangent, two products.
 _ROUNDING = 6
@@ -154,9 +156,9 @@ def _by_nodes(kernel: Callable[..., np.ndarray], sides: list[np.ndarray], others
     """The mean of the kernel over the first two sides, its integral over the others; sides (pairs, 2), others (pairs,)."""
     found = []
     for order in _ORDERS:
-        nodes, weights = np.polynomial.legendre.leggauss(order)
-        places = np.meshgrid(*[(1 + nodes) / 2] * 4, indexing="ij")
-        weight = np.prod(np.meshgrid(*[weights / 2] * 4, indexing="ij"), axis=0).ravel()
+        nodes, weights = gauss(order)
+        places = np.meshgrid(*[nodes] * 4, indexing="ij")
+        weight = np.prod(np.meshgrid(*[weights] * 4, indexing="ij"), axis=0).ravel()
         rows = []
         for start in range(0, len(sides[0]), _CHUNK):
             part = slice(start, start + _CHUNK)

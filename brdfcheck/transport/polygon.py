@@ -17,6 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck.precision import double_precision
+from brdfcheck.quadrature.gauss import gauss
 from brdfcheck.transport.form_factors import FormFactor
 
 # Squared lengths below this are no edge. Representable in float32.
@@ -184,8 +185,7 @@ def _by_chunks(first: np.ndarray, normals: np.ndarray, second: np.ndarray, rule:
 @functools.lru_cache(maxsize=8)
 def _rule(order: int, graded: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes on a triangle from the centre of a patch to an edge: (share of the way out, share along the edge, weight)."""
-    x, w = np.polynomial.legendre.leggauss(order)
-    x, w = (1 + x) / 2, w / 2
+    x, w = gauss(order)
     out, d_out, along, d_along = x, np.ones_like(x), x, np.ones_like(x)
     if graded:
         out, d_out = 1 - (1 - x) ** _GRADING, _GRADING * (1 - x) ** (_GRADING - 1)

@@ -1,0 +1,27 @@
+"""Nodes and weights of Gauss and Legendre, to the last bit of float64."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+
+@functools.cache
+def gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [0, 1], float64, of shape (count,). Shared: not to be written to.
+
+    By Newton's method in the machine's longest numbers: numpy's weights are off by 3e-13 for 34 nodes, and a lobe of power 64
+    rests on the outermost few.
+    """
+    x = np.polynomial.legendre.leggauss(count)[0].astype(np.longdouble)
+    slope = np.ones_like(x)
+    for _ in range(2):
+        before, value = np.ones_like(x), x
+        for degree in range(2, count + 1):
+            before, value = value, ((2 * degree - 1) * x * value - (degree - 1) * before) / degree
+        slope = count * (x * value - before) / (x * x - 1)
+        x = x - value / slope
+    nodes, weights = ((x + 1) / 2).astype(float), (1 / ((1 - x * x) * slope**2)).astype(float)
+    nodes.flags.writeable = weights.flags.writeable = False
+    return nodes, weights
