@@ -77,8 +77,8 @@ class SchlickExact(AbstractFactor):
         low, high = _FAR_POLE
         if self.form == "half":  # starts at c = 1/sqrt 2: no pole comes near for small n
             low = 0.0
-        gauss = (n >= low) & (n <= high)
-        large = jnp.where(gauss, 2 * high, jnp.maximum(n, 1e-30))
+        by_nodes = (n >= low) & (n <= high)
+        large = jnp.where(by_nodes, 2 * high, jnp.maximum(n, 1e-30))
         pole = large / (large - 1)
         if self.form == "mirror":
             closed = 2 * np.pi / (large - 1) * (pole**2 * jnp.log(large) - pole - 0.5)
@@ -91,11 +91,11 @@ class SchlickExact(AbstractFactor):
             )
             logarithm = jnp.log(jnp.abs((pole - start) * (large - 1)))  # A - 1 = 1/(n-1)
             closed = 8 * np.pi / (large - 1) * ((2 * pole**4 - pole**2) * logarithm - quotient)
-        small, end, near = jnp.where(gauss, n, high), _END[self.form], jnp.zeros_like(n)
+        small, end, near = jnp.where(by_nodes, n, high), _END[self.form], jnp.zeros_like(n)
         for node, weight in zip(*gauss(24), strict=True):
             versine = end * float(node)
             near = near + end * float(weight) * _weight(self.form, versine) * (1 - versine) / (small * versine + 1 - versine)
-        return 1 / jnp.where(gauss, near, closed)
+        return 1 / jnp.where(by_nodes, near, closed)
 
 
 @final

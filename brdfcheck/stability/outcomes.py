@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -75,7 +76,7 @@ Mode = Literal["jit", "jit once", "eager", "host"]
 def run(method: Method, lobe: str, parameters: np.ndarray, cosines: np.ndarray, dtype: Any, *, mode: Mode = "jit") -> Result:
     """A method over a lobe's grid in one precision.
 
-    `mode`: "jit", one compiled program; "jit once", the same without LLVM's optimisation, which takes longer than it saves in
+    `mode`: "jit", one compiled program; "jit once", the same compiled quickly, for optimisation takes longer than it saves in
     a program that runs once; "eager", operation by operation; "host", for rules that call programs of their own.
     """
     build = LOBES[lobe]
@@ -87,7 +88,7 @@ def run(method: Method, lobe: str, parameters: np.ndarray, cosines: np.ndarray, 
 
     values = jnp.asarray(parameters, dtype)
     if mode.startswith("jit"):
-        found = (_rows_once if mode == "jit once" else _rows)(row, values, mu)
+        found = _compiled(_over_rows, mode == "jit once")(row, values, mu)
     else:
         with jax.disable_jit() if mode == "eager" else contextlib.nullcontext():
             rows = [row(one, mu) for one in values]
@@ -100,8 +101,20 @@ def _over_rows(row: Callable[[Any, Any], tuple[Any, Any, Any]], values: Any, mu:
     return jax.lax.map(lambda one: row(one, mu), values)
 
 
-_ONCE: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 0}}
-_rows, _rows_once = eqx.filter_jit(_over_rows), eqx.filter_jit(_over_rows, **_ONCE)
+# In the order in which they help; half of the time that a program takes to compile goes into XLA's newer code for fusions.
+_ONCE: tuple[dict[str, Any], ...] = ({"xla_backend_optimization_level": 0}, {"xla_cpu_use_fusion_emitters": False})
+
+
+@functools.cache
+def _compiled(function: Callable[..., Any], once: bool) -> Callable[..., Any]:
+    """A compiled function; `once`: compiled quickly, as far as this version of XLA knows how."""
+    options: dict[str, Any] = {}
+    for option in _ONCE if once else ():
+        with contextlib.suppress(RuntimeError):  # an option of another version or device
+            jax.jit(lambda x: x + 1, compiler_options=option).lower(0.0).compile()
+            options |= option
+    jit: Any = eqx.filter_jit  # its types do not know what it hands on to `jax.jit`
+    return jit(function, compiler_options=options) if options else jit(function)
 
 
 def outcomes(result: Result, reference: Reference, dtype: Any) -> np.ndarray:
@@ -154,7 +167,7 @@ def gradients_of(
     def one(parameter: Any, mu: Any) -> Any:
         return method(jax.tree.map(lambda leaf: leaf.astype(dtype), build(parameter)), mu[None])[0][0]
 
-    rows = _gradient_rows_once if mode == "jit once" else _gradient_rows
+    rows = _compiled(_over_grid, mode == "jit once")
     grid = rows(jax.grad(one, argnums=(0, 1)), jnp.asarray(reference.parameters, dtype), jnp.asarray(reference.cosines, dtype))
     by_parameter, by_cosine = (np.asarray(part, float) for part in grid)
     # Through cosines: in float32 the cosine of 90 degrees would be negative.
@@ -166,9 +179,6 @@ def gradients_of(
 
 def _over_grid(gradient: Callable[[Any, Any], tuple[Any, Any]], parameters: Any, cosines: Any) -> tuple[Any, Any]:
     return jax.lax.map(lambda a: jax.vmap(lambda b: gradient(a, b))(cosines), parameters)
-
-
-_gradient_rows, _gradient_rows_once = eqx.filter_jit(_over_grid), eqx.filter_jit(_over_grid, **_ONCE)
 
 
 def gradient_outcomes(gradients: Gradients, dtype: Any = np.float64) -> np.ndarray:
