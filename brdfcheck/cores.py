@@ -16,13 +16,13 @@ def available_cores() -> list[int]:
     return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
-def bind_thread(core: int) -> None:
-    """Bind the calling thread, and every thread and process that it starts from now on, to one core.
+def bind_thread(*cores: int) -> None:
+    """Bind the calling thread, and every thread and process that it starts from now on, to these cores.
 
     Where the system cannot do that, nothing happens.
     """
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {core})
+        os.sched_setaffinity(0, cores)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ A study is a file with a docstring (question, command, answer) and three functio
 ``plot(record)`` the figure and ``summary(record)`` the page. This module finds the studies, runs them and writes
 ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery. A fourth function, ``pictures(record)``, may
 give more files that the page shows: their bytes by name. ``ALONE = True`` says that a study wants the machine for itself,
-because it measures time; `run_all` runs the others side by side.
+because it times programs that use all cores; `run_all` runs the others side by side.
 """
 
 from __future__ import annotations

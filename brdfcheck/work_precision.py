@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck import records
+from brdfcheck.cores import on_one_core
 from brdfcheck.peers import AbstractPeer
 from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 
@@ -31,7 +32,7 @@ class WorkPrecision:
 
     `error` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs. `claimed` is
     what the rule says of itself, also relative (NaN where it says nothing). `evaluations` of the BRDF for one albedo.
-    `warm_seconds`: the fastest repeat; `compile_seconds`: what the first call took beyond that. `parameter` is the
+    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call took beyond that. `parameter` is the
     exponent n, or the slope m of a microfacet lobe.
     """
 
@@ -104,11 +105,12 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     repeats = 1 if rule.on_host else max(repeats, 1)
     if rule.on_host and not getattr(rule, "compiles", False) and first > _MUCH * budget:
         warm, repeats = first, 0
-    for _ in range(repeats):
-        seconds, answer = _timed(program, case.brdf, mu, keys[0])
-        warm, spent = min(warm, seconds), spent + seconds
-        if spent > budget:
-            break
+    with on_one_core():
+        for _ in range(repeats):
+            seconds, answer = _timed(program, case.brdf, mu, keys[0])
+            warm, spent = min(warm, seconds), spent + seconds
+            if spent > budget:
+                break
     answers = [answer, *(program(case.brdf, mu, key) for key in keys[1:])]
     values = np.array([float(part.value) for part in answers])
     errors = np.abs(values - case.reference) / abs(case.reference)

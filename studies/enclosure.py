@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Any
 
-ALONE = True  # times what it runs
+ALONE = True  # times programs on all cores
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
 HALF_CUBE = (1.0, 1.0, 0.5)
 WALLS = {"glowing": "#D55E00", "opposite": "#0072B2", "sides": "#009E73"}

@@ -8,7 +8,7 @@ for Kuijk and Blake's; nothing for Phong, whose exact factor they are. Five more
 bring that below 1.4 % for all but these two (6.4 and 12 %), four more to 0.2 % (0.8 and 4.7 %). A closed form loses nothing;
 for Blinn-Phong it takes 9 operations, for the piecewise lobes 35 to 274.
 
-Cost is that of the factor alone, once a material: operations, and measured nanoseconds in one fused program. Loss is the
+Cost is that of the factor alone, once a material: operations, and nanoseconds on one core. Loss is the
 largest 1 - E at normal incidence over n in [1, 1000]. Every rung is the best of its form under E <= 1 over all angles.
 """
 
@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-ALONE = True  # times what it runs
 NAMES = (
     "phong", "blinn-phong", "schlick-mirror", "schlick-half", "kuijk-blake-mirror", "kuijk-blake-half",
     "lyon-1-mirror", "lyon-1-half", "lyon-2-mirror", "lyon-2-half", "lyon-3-mirror", "lyon-3-half",

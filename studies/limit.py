@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-ALONE = True  # times what it runs
+ALONE = True  # times programs on all cores
 LOOKS: tuple[dict[str, Any], ...] = (
     {"marker": "|", "color": "black", "markersize": 13, "markeredgewidth": 2}, {"marker": "o", "color": "#0072B2"},
     {"marker": "o", "color": "white", "markeredgecolor": "#0072B2"},
@@ -126,13 +126,11 @@ def summary(record: dict[str, Any]) -> str:
     header = ("path", "cells", "evaluations a cell", "floor, ns a cell", "one core, ns a cell", "times the floor",
               "gain of all cores", "cost in exps", "seconds, all cores", "largest error")  # fmt: skip
     times = found["nanoseconds"].values()
-    operations = table(
-        ("", *found["nanoseconds"]), [(name, *(f"{of[name]:.3f}" for of in times)) for name in next(iter(times))]
-    )  # fmt: skip
+    single = [(name, *(f"{of[name]:.3f}" for of in times)) for name in next(iter(times))]
     targets = table(("target", "measured", "in this run"), limits.targets(record))
     return (
         f"{targets}\n\n{limits.remarks(record)}\n\n{table(header, rows)}\n\n"
-        f"Nanoseconds of single operations in the same run:\n\n{operations}"
+        f"Nanoseconds of single operations in the same run:\n\n{table(('', *found['nanoseconds']), single)}"
     )
 
 

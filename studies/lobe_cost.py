@@ -17,7 +17,6 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-ALONE = True  # times what it runs
 EXPONENTS = (10, 100, 1000)
 MOST = 1.6  # nanoseconds; what takes longer is drawn at the edge
 # A row of panels: what it shows, where 0 is drawn, the top, the ticks.

@@ -20,7 +20,7 @@ import base64
 import io
 from typing import Any
 
-ALONE = True  # times what it runs
+ALONE = True  # times programs on all cores
 BASE = {"brdf": "lambert", "tint": [0.6, 0.3, 0.1]}
 MATT = {"kind": "surface", "terms": [BASE]}
 GLOSSY = {"kind": "surface", "terms": [BASE, {"brdf": "blinn-phong", "tint": 0.1, "n": 30}]}

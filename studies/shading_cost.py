@@ -19,7 +19,7 @@ import itertools
 import time
 from typing import Any
 
-ALONE = True  # times what it runs
+ALONE = True  # times programs on all cores
 SHADINGS = {"flat": ("#999999", "s"), "gouraud": ("#E69F00", "^"), "phong": ("#0072B2", "o"), "exact sphere": ("#000000", "*")}
 METHODS, MIDDLE, FLOOR = ("area", "oblique", "scan-line"), 3, 1e-7  # of interpolation, on 1280 faces; of the chart
 RATIOS = ("time, Phong to Gouraud", "error", "time, flat to Gouraud", "error", "faces of flat for Gouraud's error, times",
@@ -126,9 +126,8 @@ def summary(record: dict[str, Any]) -> str:
                                f"{r['milliseconds']:.2f}", f"{r['spread']:.2f}", f"{r['rms']:.2g}", f"{100 * r['share']:.1f} %")
                               for r in found])  # fmt: skip
 
-    ratios = [
-        (faces, *(f"{x:.2f}" if x else "none here" for x in values)) for faces, values in record["summary"]["ratios"].items()
-    ]
+    measured = record["summary"]["ratios"].items()
+    ratios = [(faces, *(f"{x:.2f}" if x else "none here" for x in values)) for faces, values in measured]
     pixels, rounds = record["settings"]["pixels"], record["settings"]["rounds"]
     return "\n\n".join((f"Of {pixels[0]} x {pixels[1]} pixels, medians of {rounds} rounds:", rows(record["results"]),
                         "Ratios, in float32 where nothing else is said:", table(("faces", *RATIOS), ratios),

@@ -25,15 +25,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-ALONE = True  # times what it runs
+ALONE = True  # times programs on all cores
 SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
 LOCAL = """
-import json, os, sys
-cores, config, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+import json, sys
 import brdfcheck
+from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.sweep import Plan, fill, parse
+cores, config, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+bind_thread(*available_cores()[:cores])
 brdfcheck.use_x64()
 done = fill(Plan(parse(json.loads(config))), out)
 print(json.dumps([done.cells, done.seconds, done.compiling]))
@@ -42,11 +42,11 @@ print(json.dumps([done.cells, done.seconds, done.compiling]))
 
 def run(size: str) -> dict[str, Any]:
     """Cells, seconds and seconds of compiling of every way to run the two sweeps."""
+    from brdfcheck.cores import available_cores
+
     (exponents, cosines), dear = SIZES[size]
     table = {"brdf": "phong", "axes": {"n": {"geomspace": [1, 1000, exponents]}, "cos_theta": {"linspace": [0, 1, cosines]}}}
     facets = {"brdf": "ggx", "axes": {"alpha": {"linspace": [0.1, 1, dear // 4]}, "cos_theta": [0.1, 0.4, 0.7, 1.0]}}
-    from brdfcheck.cores import available_cores
-
     cores = len(available_cores())
     results, skipped = [], []
     with tempfile.TemporaryDirectory(prefix="brdfcheck-study-") as folder:
@@ -66,15 +66,8 @@ def run(size: str) -> dict[str, Any]:
 
 def _row(cells: str, way: str, count: int, number: int, seconds: float, starting: float) -> dict[str, Any]:
     rate = number / max(seconds - starting, 1e-9)
-    return {
-        "cells": cells,
-        "way": way,
-        "count": count,
-        "number": number,
-        "seconds": seconds,
-        "starting": starting,
-        "rate": rate,
-    }
+    return {"cells": cells, "way": way, "count": count, "number": number, "seconds": seconds, "starting": starting,
+            "rate": rate}  # fmt: skip
 
 
 def _local(cells: str, config: dict[str, Any], count: int, out: Path) -> dict[str, Any]:

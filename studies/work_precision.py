@@ -9,7 +9,8 @@ product and Monte Carlo rules and lattices have at most four digits of a needle 
 scipy, quadax and torchquad have none of that one, and most claim to. In float32 all that arrive have 6 to 7 digits.
 
 References: ball arithmetic (Arb) of the one-dimensional integrals, the Beckmann needle by slope-space integrals; none of the
-contenders. Peers take part where they are installed (``pip install 'brdfcheck[peers]'``).
+contenders. Times: of one albedo on one core, the fastest of three. Peers take part where they are installed (``pip install
+'brdfcheck[peers]'``).
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 # (case, lobe, parameter, cos theta, albedo with factor 1)
-ALONE = True  # times what it runs
 CASES = (
     ("smooth: Phong n = 10, cos θ = 0.7", "Phong", 10.0, 0.7, 0.3666790309883656274900),
     ("sharp: Phong n = 1000, cos θ = 0.7", "Phong", 1000.0, 0.7, 0.004389450813398912429958),

@@ -20,7 +20,14 @@ import jax
 import pytest
 from hypothesis import HealthCheck, settings
 
+from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.precision import use_compilation_cache, use_x64
+
+# Workers that share the cores get one each before JAX starts a thread for each core that it finds: programs would wait for each
+# other's threads.
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+if _WORKER and int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) >= len(available_cores()):
+    bind_thread(available_cores()[int(_WORKER.removeprefix("gw")) % len(available_cores())])
 
 use_x64()
 use_compilation_cache()

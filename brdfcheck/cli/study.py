@@ -31,8 +31,9 @@ Examples:
   brdfcheck study all --size small --out quick
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
-FOLDER/README.md. The full sizes take less than two minutes each on two cores. Several studies run in processes of
-their own, side by side but for those that measure time.""",
+FOLDER/README.md. The full sizes take less than two minutes each on two cores, all of them
+less than a quarter of an hour: each is a process of its own, and those that time nothing on
+all cores run side by side.""",
 )
 def _study(
     names: Annotated[
