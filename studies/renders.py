@@ -52,7 +52,7 @@ def run(size: str = "full") -> dict[str, Any]:
         row = {"published": name, "parameters": parameters, "excess": excess, "validated": validated, "of_validated": other}
         furnace.append(row)
     found = {"smooth": smooth, "sheets": sheets, "turned": turned, "furnace": furnace}
-    return {"settings": {"pictures": len(names), "thumbnails": 256 if full else 16}, "results": results, "summary": found}
+    return {"settings": {"pictures": len(names)}, "results": results, "summary": found}
 
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
@@ -69,13 +69,14 @@ def plot(record: dict[str, Any]) -> Any:
     from brdfcheck.pictures import colour, presets
 
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
+    sides = {row["name"]: row["side"] for row in record["results"]}
     faces = [row["faces"] for row in smooth]
     with plots.house_style():
         figure = plots.empty(10.0, 6.8)
         top, (left, middle, right) = figure.subplots(2, 3)
         for axes, name in zip(top, SHOWN, strict=True):
-            image = presets.render_preset(name, record["settings"]["thumbnails"])
-            axes.imshow(colour.encode_srgb(image).transpose(1, 2, 0), interpolation="none")
+            image = presets.render_preset(name, sides.get(name, 16))  # the programs of `pictures`
+            axes.imshow(colour.encode_srgb(image).transpose(1, 2, 0), interpolation="antialiased")
             axes.set_title(name)
             axes.axis("off")
         for i, n in enumerate(EXPONENTS):

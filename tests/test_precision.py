@@ -1,4 +1,4 @@
-"""Where compiled programs are kept, and that only entry points change the precision."""
+"""Where compiled programs are kept, which options they are compiled with, and that only entry points change the precision."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import warnings
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
+from brdfcheck import precision
 from brdfcheck.precision import cache_folder, use_compilation_cache
 
 _OPTIONS = (
@@ -83,3 +86,18 @@ def test_importing_the_package_leaves_single_precision_alone() -> None:
     environment["PYTHONPATH"] = str(Path(__file__).parent.parent)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_quick_programs_leave_out_options_that_this_xla_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = {"xla_backend_optimization_level": 0}
+    monkeypatch.setattr(precision, "_QUICK", ({"xla_no_such_option": 1}, known))
+    precision.quick_compiler_options.cache_clear()
+    assert precision.quick_compiler_options() == known
+    monkeypatch.setattr(precision, "_QUICK", ({"xla_no_such_option": 1},))
+    precision.quick_compiler_options.cache_clear()
+    assert precision.quick_compiler_options() is None
+    monkeypatch.undo()
+    precision.quick_compiler_options.cache_clear()
+    x = jnp.linspace(0.1, 1, 7)
+    quick = jax.jit(lambda x: jnp.exp(jnp.sin(x)), compiler_options=precision.quick_compiler_options())
+    np.testing.assert_allclose(quick(x), np.exp(np.sin(np.asarray(x))), rtol=1e-14)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.directional import albedo
+from brdfcheck.precision import quick_compiler_options
 from brdfcheck.quadrature.rule import NOT_KNOWN, AbstractRule
 from brdfcheck.stability.references import LOBES, Reference
 
@@ -101,20 +102,11 @@ def _over_rows(row: Callable[[Any, Any], tuple[Any, Any, Any]], values: Any, mu:
     return jax.lax.map(lambda one: row(one, mu), values)
 
 
-# In the order in which they help; half of the time that a program takes to compile goes into XLA's newer code for fusions.
-_ONCE: tuple[dict[str, Any], ...] = ({"xla_backend_optimization_level": 0}, {"xla_cpu_use_fusion_emitters": False})
-
-
 @functools.cache
 def _compiled(function: Callable[..., Any], once: bool) -> Callable[..., Any]:
-    """A compiled function; `once`: compiled quickly, as far as this version of XLA knows how."""
-    options: dict[str, Any] = {}
-    for option in _ONCE if once else ():
-        with contextlib.suppress(RuntimeError):  # an option of another version or device
-            jax.jit(lambda x: x + 1, compiler_options=option).lower(0.0).compile()
-            options |= option
+    """A compiled function; `once`: quickly compiled."""
     jit: Any = eqx.filter_jit  # its types do not know what it hands on to `jax.jit`
-    return jit(function, compiler_options=options) if options else jit(function)
+    return jit(function, compiler_options=quick_compiler_options()) if once else jit(function)
 
 
 def outcomes(result: Result, reference: Reference, dtype: Any) -> np.ndarray:
