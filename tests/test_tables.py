@@ -113,10 +113,10 @@ def test_threads_change_nothing(monkeypatch, family, cores):
     n = np.geomspace(1, 900, 11) if family is not CookTorrance else np.array([0.2, 0.6])
     mu = np.linspace(0.02, 1, 11)
     monkeypatch.setattr(tables, "_LEAST", 1)
-    monkeypatch.setattr(tables, "_cores", lambda: 1)
+    monkeypatch.setattr(tables, "available_cores", lambda: range(1))
     alone = albedo_table(family, n, mu)
     used = []
-    monkeypatch.setattr(tables, "_cores", lambda: cores)
+    monkeypatch.setattr(tables, "available_cores", lambda: range(cores))
     pool = tables._pool(cores)
     original = pool.submit
     monkeypatch.setattr(pool, "submit", lambda run, piece: used.append(piece.size) or original(run, piece))
@@ -130,7 +130,7 @@ def test_threads_change_nothing(monkeypatch, family, cores):
 
 def test_threads_keep_the_callers_precision(monkeypatch):
     monkeypatch.setattr(tables, "_LEAST", 1)
-    monkeypatch.setattr(tables, "_cores", lambda: 2)
+    monkeypatch.setattr(tables, "available_cores", lambda: range(2))
     mu = np.array([0.1, 0.7])
     with jax.enable_x64(False):
         for _ in range(2):

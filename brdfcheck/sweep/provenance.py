@@ -15,7 +15,7 @@ from brdfcheck import records
 _PACKAGE = Path(__file__).resolve().parent.parent
 # The modules that a sweep computes with. Others may change between a run and its continuation.
 _COMPUTING = (
-    "geometry", "precision", "brdf", "family", "messages", "documents", "lobes", "microfacet", "factors", "callables",
+    "geometry", "precision", "cores", "brdf", "family", "messages", "documents", "lobes", "microfacet", "factors", "callables",
     "catalog", "directional", "exact_factors", "rules", "tables", "user_brdf",
 )  # fmt: skip
 
