@@ -23,6 +23,7 @@ from types import ModuleType
 from typing import Any
 
 from brdfcheck import plots, processes, records
+from brdfcheck.cores import available_cores
 from brdfcheck.messages import one_line
 from brdfcheck.processes import Finished
 
@@ -94,7 +95,7 @@ def record_of(study: Study, size: str) -> dict[str, Any]:
         f"study {study.name}",
         measured["results"],
         settings={"size": size, **measured.get("settings", {}), "precision": "float64"},
-        summary={**measured.get("summary", {}), "seconds": seconds},
+        summary={**measured.get("summary", {}), "seconds": seconds, "cores": len(available_cores())},
         packages=measured.get("packages", ()),
     )
     return {**record, "study": study.name, "question": study.question, "answer": study.answer}
@@ -130,7 +131,7 @@ def _made(record: Mapping[str, Any]) -> str:
 
 def write_gallery(reports: Path) -> Path:
     """The page that shows every report in the folder, in the order of the alphabet: the same text for the same reports."""
-    parts, seconds = [], 0.0
+    parts, minutes = [], 0.0
     for path in sorted(reports.glob("*/record.json")):
         try:
             record = json.loads(path.read_text(encoding="utf-8"))
@@ -139,7 +140,7 @@ def write_gallery(reports: Path) -> Path:
         if not isinstance(record, dict) or "study" not in record:
             continue
         name = path.parent.name
-        seconds += record["summary"].get("seconds", 0)
+        minutes += record["summary"].get("seconds", 0) * record["summary"].get("cores", 1) / 60
         small = "" if record["settings"].get("size") == "full" else " (small size)"
         answer = record["answer"]
         parts += ["", f"## {record['question']}{small}", "", answer[:1].upper() + answer[1:], ""]
@@ -149,7 +150,7 @@ def write_gallery(reports: Path) -> Path:
     page = reports / _GALLERY
     head = (
         "# Reports\n\nMade by `brdfcheck study all`; this page too. Each figure is made of the numbers in its record. The runs"
-        f" behind them took {seconds / 60:.1f} minutes together."
+        f" behind them took {minutes:.1f} minutes together, counted for each core that they had."
     )
     records.write_atomically(page, "\n".join([head, *parts]) + "\n")
     return page

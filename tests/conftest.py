@@ -16,18 +16,19 @@ if "BRDFCHECK_CACHE" not in os.environ:
     os.environ["BRDFCHECK_CACHE"] = tempfile.mkdtemp(prefix="brdfcheck-tests-")
     atexit.register(shutil.rmtree, os.environ["BRDFCHECK_CACHE"], ignore_errors=True)
 
+# Workers that share the cores get one each, before numpy and JAX start a thread for each core that they find: these would wait
+# for each other.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    from brdfcheck.cores import available_cores, bind_thread
+
+    if int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) >= len(available_cores()):
+        bind_thread(available_cores()[int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw")) % len(available_cores())])
+
 import jax
 import pytest
 from hypothesis import HealthCheck, settings
 
-from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.precision import use_compilation_cache, use_x64
-
-# Workers that share the cores get one each before JAX starts a thread for each core that it finds: programs would wait for each
-# other's threads.
-_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
-if _WORKER and int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) >= len(available_cores()):
-    bind_thread(available_cores()[int(_WORKER.removeprefix("gw")) % len(available_cores())])
 
 use_x64()
 use_compilation_cache()
