@@ -42,6 +42,6 @@ def on_one_core() -> Iterator[None]:
 def _bind_process(some: Iterable[int]) -> None:
     if not hasattr(os, "sched_setaffinity"):
         return
-    for thread in os.listdir("/proc/self/task"):
+    for thread in os.listdir("/proc/self/task") if os.path.isdir("/proc/self/task") else ("0",):
         with contextlib.suppress(ProcessLookupError):  # it has ended
             os.sched_setaffinity(int(thread), set(some))

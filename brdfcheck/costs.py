@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.cores import on_one_core
+
 # Primitives of a compiled program that compute nothing.
 _FREE = frozenset(
     (
@@ -120,16 +122,17 @@ def nanoseconds(
     for name, program in programs.items():
         program(firsts[0], stride, constants[name]).block_until_ready()
     taken: dict[str, list[list[float]]] = {name: [] for name in kernels}
-    for _ in range(rounds):
-        for name, program in programs.items():
-            if len(taken[name]) >= _LEAST_ROUNDS and np.sum(taken[name]) > _BUDGET:
-                continue
-            times = []
-            for first in firsts:
-                began = time.perf_counter()
-                program(first, stride, constants[name]).block_until_ready()
-                times.append(time.perf_counter() - began)
-            taken[name].append(times)
+    with on_one_core():
+        for _ in range(rounds):
+            for name, program in programs.items():
+                if len(taken[name]) >= _LEAST_ROUNDS and np.sum(taken[name]) > _BUDGET:
+                    continue
+                times = []
+                for first in firsts:
+                    began = time.perf_counter()
+                    program(first, stride, constants[name]).block_until_ready()
+                    times.append(time.perf_counter() - began)
+                taken[name].append(times)
     scale = 1e9 / (part * _PARTS)
     return {
         name: Time(scale * float(np.sum(np.min(t, 0))), scale * float(np.median(np.sum(t, 1))), len(t))

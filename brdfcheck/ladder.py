@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck import costs
+from brdfcheck.cores import on_one_core
 from brdfcheck.factors import AbstractFactor
 from brdfcheck.fit import RawAlbedo, closed_form, fit_form
 from brdfcheck.minimax import spread
@@ -106,7 +107,8 @@ def operations(factor: AbstractFactor) -> int:
 
 
 def cost(factor: Callable[[Any], Any], n: tuple[float, float] = (1, 1000)) -> float:
-    """Nanoseconds for one evaluation of a factor in a fused float64 program over a million exponents: the fastest of 7 runs.
+    """Nanoseconds for one evaluation of a factor in a fused float64 program on one core, over a million exponents: the fastest
+    of 7 runs.
 
     The program sums what it evaluates, so that only arithmetic is timed and not the writing of results; reading the exponents
     is part of it.
@@ -115,8 +117,9 @@ def cost(factor: Callable[[Any], Any], n: tuple[float, float] = (1, 1000)) -> fl
     program = eqx.filter_jit(lambda factor, n: jnp.sum(factor(n)))
     program(factor, exponents).block_until_ready()
     best = math.inf
-    for _ in range(_REPEATS):
-        began = time.perf_counter()
-        program(factor, exponents).block_until_ready()
-        best = min(best, time.perf_counter() - began)
+    with on_one_core():
+        for _ in range(_REPEATS):
+            began = time.perf_counter()
+            program(factor, exponents).block_until_ready()
+            best = min(best, time.perf_counter() - began)
     return best / _EXPONENTS * 1e9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import re
 import signal
 import subprocess
 import threading
@@ -28,11 +29,13 @@ class Finished:
 
     @property
     def last_words(self) -> str:
-        """The last line that it wrote: of a traceback that is the error. Where it wrote nothing, how it ended."""
-        lines = self.output.strip().splitlines()
-        if lines:
-            return lines[-1].strip()
-        return f"ended by signal {-self.code}" if self.code < 0 else f"ended with exit code {self.code}"
+        """The error of its traceback, else the last line that it wrote; how it ended, where that says more."""
+        if self.code < 0:
+            return f"ended by signal {-self.code}"
+        lines = [line.rstrip() for line in self.output.splitlines() if line.strip()]
+        # After a traceback there may be notes.
+        errors = [line for line in lines if re.match(r"[A-Za-z_][\w.]*(Error|Exception|Interrupt|Exit|Warning)\b", line)]
+        return (errors or [line.strip() for line in lines] or [f"ended with exit code {self.code}"])[-1]
 
 
 def run_all(commands: Mapping[str, Sequence[str]], *, side_by_side: bool) -> Generator[Finished, None, None]:

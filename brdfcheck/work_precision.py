@@ -32,7 +32,8 @@ class WorkPrecision:
 
     `error` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs. `claimed` is
     what the rule says of itself, also relative (NaN where it says nothing). `evaluations` of the BRDF for one albedo.
-    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call took beyond that. `parameter` is the
+    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call, on all cores, took
+    beyond that. `parameter` is the
     exponent n, or the slope m of a microfacet lobe.
     """
 

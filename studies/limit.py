@@ -3,10 +3,10 @@
 
 Command: ``brdfcheck study limit`` (or ``python studies/limit.py``). A minute on two cores once it is compiled.
 
-Answer: 40 exps a cell are met by tables of powers (34) and Schlick's lobe (20), missed by the 16th power (43), Lyon's (58, 91)
-and Kuijk-Blake's (125): beside its evaluations a cell takes a log, three roots and a sum of 41 terms at each end. Beckmann
-metal takes 33 ms for 1,024 cells at 5e-10, a 30th of the peer's time; but the peer's error is 4e-11, and at a tenth of that
-ours takes a twelfth, not a fiftieth. The second core gains 1.6 to 2.5 times for metal and truncated powers, 0.8 to 1.4 for
+Answer: 40 exps a cell are met by tables of powers (33, 34) and Schlick's lobe (19), missed by the 16th power (41), Lyon's (59,
+98) and Kuijk-Blake's (117): beside its evaluations a cell takes a log, three roots and a sum of 41 terms at each end. Beckmann
+metal takes 33 ms for 1,024 cells at 5e-10, a 28th of the peer's time; but the peer's error is 4e-11, and at a tenth of that
+ours takes a twelfth, not a fiftieth. The second core gains 1.6 to 2.6 times for metal and truncated powers, 0.9 to 1.4 for
 tables of 3 ms. At rtol 1e-4 and 1e-5 metal takes longer than at 1e-6: XLA joins small kernels so that an evaluation takes 45
 ns, not 14; barriers, a product of matrices and compiling for one thread did not help.
 

@@ -3,10 +3,10 @@
 
 Command: ``brdfcheck study shading_cost`` (or ``python studies/shading_cost.py``). Over a minute on two cores.
 
-Answer: none: the exact sphere takes a sixth of the time of 1280 Phong-shaded faces and errs by 3e-7, where no mesh up to
+Answer: none: the exact sphere takes a seventh of the time of 1280 Phong-shaded faces and errs by 3e-7, where no mesh up to
 20,480 faces comes below 2e-3. Of meshes, Phong shading errs 0.54 to 0.79 times as much as Gouraud's up to 1280 faces, in about
 the same time; flat shading takes half to four fifths of the time, and up to 3 times the faces for Gouraud's error. float64
-takes up to 1.3 times as long, 2.3 times for the exact sphere, and buys nothing.
+takes up to 1.4 times as long, 2.5 times for the exact sphere, and buys nothing.
 
 One sphere of Lambert and Blinn-Phong (n = 30) under two distant lights; meshes are icospheres. Errors: of linear RGB to the
 exact sphere in float64, over its whole disc, lit or not. Every round renders each setting once; times and ratios are medians.

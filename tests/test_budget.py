@@ -534,7 +534,10 @@ def test_a_picture_that_does_not_repeat_is_an_error(monkeypatch):
     monkeypatch.setattr(
         type(measured.view), "fault", lambda self, program, image=None: fault(program, None if image is None else image + 1)
     )
-    with pytest.raises(BudgetError, match=r"rendered again, the chosen combination errs \S+ where 0.00196 is allowed"):
+    with pytest.raises(
+        BudgetError,
+        match=r"rendered again, the chosen combination errs \S+ \(energy \S+\) where 0.00196 \(energy \S+\) is allowed",
+    ):
         measured.choose()
 
 

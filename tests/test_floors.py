@@ -10,8 +10,8 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
 FLOORS = [
-    {"geometry", "precision", "brdf", "family", "messages", "rational", "costs", "cores"},
-    {"lobes", "microfacet", "factors", "callables", "documents", "processes"},
+    {"geometry", "precision", "brdf", "family", "messages", "rational", "cores"},
+    {"lobes", "microfacet", "factors", "callables", "documents", "processes", "costs"},
     {"quadrature"},
     {"catalog", "directional", "exact_factors", "minimax"},
     {"tables", "pointwise", "rules", "peers"},

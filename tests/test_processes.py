@@ -35,6 +35,28 @@ def test_how_each_ended():
     assert all(end.seconds > 0 for end in found.values())
 
 
+@pytest.mark.parametrize(
+    ("output", "code", "words"),
+    [
+        ("warning\n", -11, "ended by signal 11"),
+        ("Traceback ...\nValueError: no\n----\nFor simplicity, frames are left out.\n", 1, "ValueError: no"),
+        ("jax.errors.JaxRuntimeError: INVALID\nmore\n", 1, "jax.errors.JaxRuntimeError: INVALID"),
+        ("only words\n\n", 2, "only words"),
+    ],
+)
+def test_last_words(output, code, words):
+    assert processes.Finished("x", code, 1.0, output).last_words == words
+
+
+def test_as_many_at_once_as_there_are_cores(tmp_path, monkeypatch):
+    """Each waits for the other; on one core too, where tests share the cores."""
+    monkeypatch.setattr(processes, "available_cores", lambda: [available_cores()[0]] * 2)
+    wait = "import os, sys, time\nopen(sys.argv[1], 'w').close()\nwhile not os.path.exists(sys.argv[2]): time.sleep(.02)"
+    paths = [str(tmp_path / name) for name in "ab"]
+    commands = {"a": (*python(wait), *paths), "b": (*python(wait), *paths[::-1])}
+    assert [end.code for end in processes.run_all(commands, side_by_side=True)] == [0, 0]
+
+
 def test_nothing_to_run():
     assert list(processes.run_all({}, side_by_side=True)) == []
 
@@ -73,6 +95,7 @@ def test_who_leaves_ends_the_processes(tmp_path, monkeypatch, side_by_side, stub
         assert next(ends).name == "quick"
         while not (tmp_path / "slow").exists() or not (tmp_path / "slow").read_text():
             time.sleep(0.05)
+        time.sleep(0.2)
     assert time.monotonic() - began < 40
     for file in tmp_path.iterdir():
         with pytest.raises(ProcessLookupError):

@@ -140,8 +140,9 @@ class Measured:
         verified = view.fault(program, image)
         if not verified.within(limit):
             raise BudgetError(
-                f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} where"
-                f" {limit.pixel:.3g} is allowed; render on a machine that repeats its results"
+                f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} (energy"
+                f" {verified.energy:.3g}) where {limit.pixel:.3g} (energy {limit.energy:.3g}) is allowed; render on a machine"
+                " that repeats its results"
             )
         rows = []
         for knob, i in zip(self.knobs, combination, strict=True):

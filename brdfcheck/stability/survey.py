@@ -29,13 +29,17 @@ _PROGRAMS = 64
 
 @dataclass(frozen=True)
 class Job:
-    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives."""
+    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives.
+
+    `single`: the mode in float32, where it is another than in float64.
+    """
 
     name: str
     method: Method
     lobe: str
     of: Literal["values", "derivatives"] = "values"
     mode: Mode = "jit"
+    single: Mode | None = None
 
 
 def of_rules(settings: Mapping[str, float], lobes: Iterable[str], of: Literal["values", "derivatives"] = "values") -> list[Job]:
@@ -75,11 +79,12 @@ def survey(jobs: Sequence[Job], references: Mapping[str, Reference]) -> list[dic
 def _cells(job: Job, reference: Reference) -> list[dict[str, Any]]:
     found = []
     for dtype in (np.float64, np.float32):
+        mode = (job.single or job.mode) if dtype is np.float32 else job.mode
         if job.of == "values":
-            got = run(job.method, job.lobe, reference.parameters, reference.cosines, dtype, mode=job.mode)
+            got = run(job.method, job.lobe, reference.parameters, reference.cosines, dtype, mode=mode)
             grids = {"value": outcomes(got, reference, dtype)}
         else:
-            slopes = gradients_of(reference, job.method, dtype, mode=job.mode)
+            slopes = gradients_of(reference, job.method, dtype, mode=mode)
             grids = {f"d/d{by}": gradient_outcomes(one, dtype) for by, one in slopes.items()}
         for of, grid in grids.items():
             rows = ["".join("-" if cell < 0 else str(cell) for cell in row) for row in grid]
