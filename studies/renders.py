@@ -69,8 +69,7 @@ def plot(record: dict[str, Any]) -> Any:
     from brdfcheck.pictures import colour, presets
 
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
-    sides = {row["name"]: row["side"] for row in record["results"]}
-    faces = [row["faces"] for row in smooth]
+    faces, sides = [row["faces"] for row in smooth], {row["name"]: row["side"] for row in record["results"]}
     with plots.house_style():
         figure = plots.empty(10.0, 6.8)
         top, (left, middle, right) = figure.subplots(2, 3)
