@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import re
 import signal
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 
 from brdfcheck.cores import available_cores, bind_thread
 
+# The first process that uses an accelerator would take most of its memory.
+_SHARED = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
 # Seconds that a process has to end itself once it is told of an interruption.
 _GRACE = 5.0
 
@@ -63,7 +66,7 @@ def run_all(commands: Mapping[str, Sequence[str]], *, side_by_side: bool) -> Gen
                     return None
                 process = subprocess.Popen(
                     commands[name], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                    errors="backslashreplace",
+                    errors="backslashreplace", env={**(_SHARED if side_by_side else {}), **os.environ},
                 )  # fmt: skip
                 running[name] = process
             output, _ = process.communicate()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -331,6 +333,34 @@ def test_a_study_writes_its_report_and_the_gallery(run: Run, here: Path) -> None
     assert sorted(os.listdir("reports/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
     assert run("study", "raw_albedo", "--size", "small", "--out", "deep/er")[0] == ExitCode.PASSED
     assert run("plot", "albedo-vs-n", "deep/er/raw_albedo/record.json")[0] == ExitCode.PASSED
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_studies_end_with_their_command(tmp_path: Path, number: signal.Signals) -> None:
+    """Whoever ends the command, by Ctrl-C or kill, leaves no study behind."""
+    (tmp_path / "studies").mkdir()
+    for name in ("one", "two"):
+        slow = f"import os, time\n    open({str(tmp_path / name)!r}, 'w').write(str(os.getpid()))\n    time.sleep(60)"
+        text = f'"""Why?\n\nAnswer: because.\n"""\ndef run(size):\n    {slow}\nplot = summary = run\n'
+        (tmp_path / "studies" / f"{name}.py").write_text(text)
+    program = "import sys, pathlib\nfrom brdfcheck import cli, studies\n"
+    program += f"studies.folder = lambda: pathlib.Path({str(tmp_path)!r}, 'studies')\n"
+    program += "sys.exit(cli.run(['study', 'all', '--size', 'small']))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=environment
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not ((tmp_path / "one").exists() and (tmp_path / "one").read_text()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    command.send_signal(number)
+    _, errors = command.communicate(timeout=60)
+    assert (command.returncode, errors) == (ExitCode.INTERRUPTED, "brdfcheck: interrupted\n")
+    for file in (tmp_path / "one", tmp_path / "two"):
+        if file.exists():
+            with pytest.raises(ProcessLookupError):
+                os.kill(int(file.read_text()), 0)
 
 
 def test_one_study_that_fails_does_not_stop_the_others(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,6 +72,17 @@ def test_side_by_side_each_has_a_core_and_alone_it_has_all():
     assert available_cores() == before
 
 
+def test_side_by_side_no_one_takes_the_whole_accelerator(monkeypatch):
+    monkeypatch.delenv("XLA_PYTHON_CLIENT_PREALLOCATE", raising=False)
+    tell = python("import os; print(os.environ.get('XLA_PYTHON_CLIENT_PREALLOCATE'))")
+    for side_by_side, told in ((True, "false"), (False, "None")):
+        (end,) = processes.run_all({"one": tell}, side_by_side=side_by_side)
+        assert end.output.strip() == told
+    monkeypatch.setenv("XLA_PYTHON_CLIENT_PREALLOCATE", "true")
+    (end,) = processes.run_all({"one": tell}, side_by_side=True)
+    assert end.output.strip() == "true"
+
+
 def test_one_at_a_time_in_their_order(tmp_path):
     log = tmp_path / "log"
     commands = {

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import signal
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -86,8 +88,8 @@ def _run_several(chosen: list[Study], size: str, reports: Path, out: str, debug:
     from brdfcheck import studies
 
     began, failed = time.perf_counter(), 0
-    # What is left when this is interrupted ends with it.
-    with contextlib.closing(studies.run_all(chosen, size, reports)) as ends:
+    # What is left when this is interrupted, or told to end, ends with it.
+    with _ended_is_interrupted(), contextlib.closing(studies.run_all(chosen, size, reports)) as ends:
         for end in ends:
             if end.code:
                 failed += 1
@@ -100,6 +102,19 @@ def _run_several(chosen: list[Study], size: str, reports: Path, out: str, debug:
     output.line(f"{len(chosen) - failed} of {len(chosen)} studies in {minutes:.1f} minutes")
     _write_gallery(reports, out, output)
     return ExitCode.FAILED if failed else ExitCode.PASSED
+
+
+@contextlib.contextmanager
+def _ended_is_interrupted() -> Iterator[None]:
+    """SIGTERM as KeyboardInterrupt, in the thread that may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _wrote(name: str, seconds: float, place: Path, output: Output) -> None:
