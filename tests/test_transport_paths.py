@@ -183,6 +183,21 @@ def test_energy_after_bounces_is_that_of_the_angular_operator(beam):
         assert exact[2] < 1
 
 
+LOBES = [name for name in catalog.names() if catalog.entry(name).validated and len(catalog.entry(name).family.ranges) == 1]
+
+
+@pytest.mark.parametrize(("sampling", "name"), [*(("lobe", name) for name in LOBES), ("cosine", "phong"), ("cosine", "ggx")])
+def test_paths_reflect_every_lobe_of_the_catalogue_as_its_angular_operator(name, sampling):
+    ((low, high),) = catalog.entry(name).family.ranges.values()
+    brdf = entry(name, 0.5 * (low + min(high, 12.0)))
+    operator = transport.angular_operator(brdf)
+    exact = np.asarray(operator.energy(np.arange(5)) @ (2 * operator.cos_theta * operator.weight))
+    found = transport.energy_after_bounces(transport.sphere(4, 2), brdf, 4, key=KEY, paths=2**14, sampling=sampling)
+    z = (np.asarray(found.mean) - exact)[1:] / np.asarray(found.error)[1:]
+    assert np.max(np.abs(z)) < 4.5
+    assert np.all(found.error[1:] < 0.05 * found.mean[1:])
+
+
 def test_a_box_keeps_less_than_the_sphere():
     """The largest radius of all enclosures is the sphere's: after many bounces a box has lost more, or as much."""
     found = transport.energy_after_bounces(transport.box(), PUBLISHED, 16, key=KEY, paths=2**16)

@@ -69,7 +69,8 @@ def trace(
     place on a patch anew at each bounce, which makes it the discrete equation that the other solvers solve (diffuse walls
     only). The spectral radius is that of the form factors for diffuse walls; else it lies below that of the angular operator
     (the largest albedo, if the BRDF is not reciprocal and the enclosure no sphere) times the largest reflectance. Refuses
-    where it is 1 or more, and where paths are under way after `max_bounces` reflections each: value NaN, error inf.
+    where it is 1 or more, and where paths are under way after `max_bounces` reflections each: value NaN, error inf. The
+    residual is that of the equation of patches; NaN for walls that are not diffuse, which have none.
     Raises ValueError for bad values, counts and words, no light or no key, TypeError for an enclosure without geometry or a
     BRDF that is neither about an axis nor made of facets.
     """
