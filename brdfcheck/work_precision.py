@@ -22,7 +22,7 @@ from brdfcheck.cores import on_one_core
 from brdfcheck.peers import AbstractPeer
 from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 
-# Budgets after which a rule that compiles nothing is not run a second time.
+# Budgets after which a peer that compiles nothing is not run a second time.
 _MUCH = 10
 
 
@@ -32,9 +32,8 @@ class WorkPrecision:
 
     `error` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs. `claimed` is
     what the rule says of itself, also relative (NaN where it says nothing). `evaluations` of the BRDF for one albedo.
-    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call, on all cores, took
-    beyond that. `parameter` is the
-    exponent n, or the slope m of a microfacet lobe.
+    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call, on all cores, took beyond that.
+    `parameter` is the exponent n, or the slope m of a microfacet lobe.
     """
 
     case: str
@@ -102,9 +101,9 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     first, answer = _timed(program, case.brdf, mu, keys[0])
     warm, spent = math.inf, 0.0
     # Rules on the host are timed a second time, once: some compile too, and what the first call took must not pass for the time
-    # of an albedo. Where one that compiles nothing took very long, that was it.
+    # of an albedo. Where a peer that compiles nothing took very long, that was it.
     repeats = 1 if rule.on_host else max(repeats, 1)
-    if rule.on_host and not getattr(rule, "compiles", False) and first > _MUCH * budget:
+    if isinstance(rule, AbstractPeer) and not rule.compiles and first > _MUCH * budget:
         warm, repeats = first, 0
     with on_one_core():
         for _ in range(repeats):

@@ -28,6 +28,7 @@ from brdfcheck.transport.solution import Solution, problem
 
 _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 _PATHS = (2**12, 2**14, 2**16, 2**18, 2**20)
+# Seconds of repeats after which something has been timed enough.
 _ENOUGH = 1.0
 METHODS = ("direct", "krylov", "progressive", "neumann", "paths")
 
