@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from brdfcheck.tables import albedo_table as albedo_table
     from brdfcheck.verdict import Report as Report
     from brdfcheck.verdict import Verdict as Verdict
+    from brdfcheck.verdict import assert_conserves as assert_conserves
     from brdfcheck.verdict import check as check
 
 _HOME = {
@@ -65,6 +66,7 @@ _HOME = {
     "Verdict": "verdict",
     "albedo": "directional",
     "albedo_table": "tables",
+    "assert_conserves": "verdict",
     "budget": "budgets.measure",
     "check": "verdict",
     "factor_ladder": "ladder",
@@ -97,6 +99,7 @@ __all__ = [
     "__version__",
     "albedo",
     "albedo_table",
+    "assert_conserves",
     "budget",
     "catalog",
     "check",

@@ -7,18 +7,31 @@ real. NaN, infinite and negative values are passed on; they are judged where the
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
-import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.cores import available_cores
 from brdfcheck.precision import double_precision
 
 _log = logging.getLogger("brdfcheck")
 
-# Rows of directions a compiled program takes; requests are padded to the next size, so few programs are compiled.
-_SIZES = (1024, 8192, 32768, 131072)
+BLOCK = 760
+"""Directions of a row: what a program takes for one incidence."""
+# Rows a program takes. A request is padded to whole blocks and rows, so a function compiles one program, whatever is asked.
+_ROWS = 64
+# Numbers (rows x directions x channels) that a program may return: bounds the memory of functions with many channels.
+_MOST_NUMBERS = 2**22
+# Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
+_NUMPY_CALL = 8192
+_MOST_CHANNELS = 256
+_INDEXING = "directions come as arrays of shape (k, 3): index the last axis, wi[..., 2] and not wi[2]"
 
 
 class Finding(ValueError):
@@ -31,26 +44,6 @@ def name_of(function: object) -> str:
     if lobe is not None and factor is not None:
         return f"{name_of(lobe)} times {name_of(factor)}"
     return getattr(function, "__name__", type(function).__name__)
-
-
-def _checked(result: Any, rows: int, name: str) -> np.ndarray:
-    try:
-        values = np.asarray(result)
-    except Exception as error:
-        raise Finding(f"{name} returned {type(result).__name__}, not an array of numbers") from error
-    if values.shape == () and rows != 1:
-        values = np.broadcast_to(values, (rows,))
-    if np.iscomplexobj(values):
-        raise Finding(f"{name} returned complex values ({values.dtype})")
-    if not (np.issubdtype(values.dtype, np.number) or values.dtype == bool):
-        raise Finding(f"{name} returned values of type {values.dtype}, not numbers")
-    if values.ndim not in (1, 2) or values.shape[0] != rows or values.shape[-1] == 0:
-        raise Finding(
-            f"{name} returned shape {values.shape} for directions of shape ({rows}, 3); expected ({rows},) or"
-            f" ({rows}, channels). Index the last axis: wi[..., 2], not wi[2]"
-        )
-    # The type of the answers is kept: it says how far they are rounded.
-    return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)
 
 
 def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
@@ -66,89 +59,321 @@ def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
 class Evaluator:
     """A family of BRDFs, ``build(**parameters) -> f(wi, wo)``, evaluated on arrays of directions.
 
-    Three paths, tried in this order on a few directions: one JAX program for all parameters; one JAX program for each
-    set of parameters; plain Python with numpy arrays, which `slow` reports and a log message announces.
+    Two paths, tried in this order: one JAX program for all parameters; plain Python with numpy arrays, which `slow` reports
+    and a log message announces. A family without parameters is built before it is traced. `epsilon` is the rounding of the
+    answers' type, `channels` their last axis (None for one number a direction), `alone` says that each direction is evaluated
+    as if it were the only one.
+
+    Raises Finding where the BRDF raises or returns something that is not a number, or numbers, for each direction.
     """
 
     def __init__(self, build: Callable[..., Any], parameters: Mapping[str, float]):
+        self.names = tuple(parameters)
+        self.slow = self.alone = False
         self._build = build
         self._name = name_of(build)
-        self._programs: dict[tuple[float, ...], Callable] = {}
-        self.slow = False
-        self._shared: Callable | None = None
-        wi = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 1.0]])
-        wo = np.array([[0.0, 0.6, 0.8], [0.48, 0.6, 0.64]])
-        shared = eqx.filter_jit(lambda values, wi, wo: build(**values)(wi, wo))
+        self._local = threading.local()
+        middle = np.array([list(parameters.values())], float)
         try:
-            self._run(lambda wi, wo: shared(_arrays(parameters), wi, wo), wi, wo)
-            self._shared = shared
-            return
+            # Only tracing tells whether a function can be traced, and it compiles nothing.
+            shapes = [self._traced(count, middle[0]) for count in (1, 2, 3)]
         except Finding:
             raise
         except Exception:  # whatever tracing throws: some functions need numbers where JAX shows them tracers
-            pass
-        brdf = self._built(parameters)
-        try:
-            self._run(eqx.filter_jit(brdf), wi, wo)
-            return
-        except Finding:
-            raise
-        except Exception:
             self.slow = True
-        try:
-            self._run(brdf, wi, wo)
-        except Finding:
-            raise
-        except Exception as error:
-            raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
-        _log.warning("%s cannot be traced by JAX: evaluated with numpy, which is slower", self._name)
+            shapes = [self._called(middle[0], *_sample(count)) for count in (1, 2, 3)]
+        checked = [self._shape_of(shape, count) for shape, count in zip(shapes, (1, 2, 3), strict=True)]
+        if len({channels for channels in checked if channels is not None}) > 1:
+            raise Finding(
+                f"{self._name} returned shape {shapes[1].shape} for 2 directions and {shapes[2].shape} for 3: the number of"
+                " channels follows the number of directions, as where every wi meets every wo; for wi.wo of each pair write"
+                " sum(wi * wo, axis=-1)"
+            )
+        self.channels = next((channels for channels in checked if channels is not None), None)
+        if self.channels is not None and self.channels > _MOST_CHANNELS:
+            raise Finding(f"{self._name} returned {self.channels} channels; at most {_MOST_CHANNELS} are looked at")
+        self.epsilon = float(jnp.finfo(shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else float).eps)
+        self._rows = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
+        if self.slow:
+            _log.warning("%s cannot be traced by JAX: evaluated with numpy, which is slower", self._name)
+        else:
+            self._compile()
 
-    def _built(self, parameters: Mapping[str, float]) -> Callable:
+    def evaluated_alone(self) -> bool:
+        """From now on evaluate each direction as if it were the only one. False where that would take forever (numpy)."""
+        if not self.slow:
+            self.alone = True
+            self._compile()
+        return not self.slow
+
+    # --- what the function is asked ---
+
+    def _brdf(self, parameters: Any) -> Callable[..., Any]:
         try:
-            brdf = self._build(**parameters)
+            brdf = self._build(**dict(zip(self.names, parameters, strict=True)))
         except Exception as error:
-            shown = ", ".join(f"{key}={value:g}" for key, value in parameters.items())
+            if any(isinstance(value, jax.core.Tracer) for value in parameters):
+                raise
+            shown = ", ".join(f"{key}={value:g}" for key, value in zip(self.names, parameters, strict=True))
             raise Finding(f"{self._name}({shown}) raised {type(error).__name__}: {error}") from error
         if not callable(brdf):
             raise Finding(f"{self._name} returned {type(brdf).__name__}, which is not a function f(wi, wo)")
         return brdf
 
-    def _run(self, function: Callable, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        with np.errstate(all="ignore"), double_precision():
-            return _checked(function(wi, wo), len(wo), self._name)
+    def _traced(self, count: int, middle: np.ndarray) -> Any:
+        brdf = None if self.names else self._brdf(())
+        wi, wo = _sample(count)
 
-    def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        """f for these parameters: (wi, wo) of shape (k, 3) each, float64 -> values of shape (k,) or (k, channels).
+        def values(parameters: Any, wi: Any, wo: Any) -> Any:
+            return (brdf or self._brdf(parameters))(wi, wo)
 
-        The function raises Finding where the BRDF raises or returns something that is not a number for each direction.
-        """
-        if self._shared is not None:
-            values, shared = _arrays(parameters), self._shared
-            return lambda wi, wo: self._padded(lambda a, b: shared(values, a, b), wi, wo)
-        key = tuple(parameters.values())
-        if key not in self._programs:
-            brdf = self._built(parameters)
-            self._programs = {key: brdf if self.slow else eqx.filter_jit(brdf)}  # keep the latest only
-        program = self._programs[key]
-        if self.slow:
-            return lambda wi, wo: self._guarded(program, wi, wo)
-        return lambda wi, wo: self._padded(program, wi, wo)
+        with double_precision(), np.errstate(all="ignore"):
+            parameters = tuple(jax.ShapeDtypeStruct((), np.float64) for _ in middle)
+            direction = jax.ShapeDtypeStruct(wi.shape, np.float64)
+            found = jax.eval_shape(values, parameters, direction, direction)
+        if not hasattr(found, "shape"):
+            raise Finding(f"{self._name} returned {type(found).__name__}, not an array of numbers")
+        return found
 
-    def _padded(self, program: Callable, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        rows = len(wo)
-        size = next((size for size in _SIZES if size >= rows), rows)
-        padding = ((0, size - rows), (0, 0))
-        result = self._guarded(program, np.pad(wi, padding, mode="edge"), np.pad(wo, padding, mode="edge"))
-        return result[:rows]
-
-    def _guarded(self, program: Callable, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    def _called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """One call of the plain function. It gets arrays of its own: it may write to them."""
         try:
-            return self._run(program, wi, wo)
+            with np.errstate(all="ignore"), double_precision():
+                result = self._bound(parameters)(wi.copy(), wo.copy())
         except Finding:
             raise
         except Exception as error:
+            shape_trouble = isinstance(error, (IndexError, TypeError)) or "ambiguous" in str(error)
+            hint = f" ({_INDEXING}, and choose by where, not by if)" if shape_trouble else ""
+            raise Finding(f"{self._name} raised {type(error).__name__}: {error}{hint}") from error
+        try:
+            return np.asarray(result)
+        except Exception as error:
+            raise Finding(f"{self._name} returned {type(result).__name__}, not an array of numbers") from error
+
+    def _bound(self, parameters: np.ndarray) -> Callable[..., Any]:
+        key = tuple(float(value) for value in parameters)
+        if getattr(self._local, "key", None) != key:
+            self._local.brdf = self._brdf(key)
+            self._local.key = key
+        return self._local.brdf
+
+    def _shape_of(self, values: Any, count: int) -> int | None:
+        """The channels of an answer for `count` directions; Finding where it is none."""
+        dtype, shape = np.dtype(values.dtype), values.shape
+        if dtype.kind == "c":
+            raise Finding(f"{self._name} returned complex values ({dtype})")
+        if dtype.kind not in "biuf" and not jnp.issubdtype(dtype, jnp.floating):
+            raise Finding(f"{self._name} returned values of type {dtype}, not numbers")
+        if shape == () or (len(shape) == 1 and shape[0] == count):
+            return None
+        if len(shape) == 2 and shape[0] == count and shape[1] > 0:
+            return shape[1]
+        raise Finding(
+            f"{self._name} returned shape {shape} for directions of shape ({count}, 3); expected ({count},) or"
+            f" ({count}, channels): {_INDEXING}"
+        )
+
+    # --- programs ---
+
+    def _compile(self) -> None:
+        brdf = None if self.names else self._brdf(())
+
+        def row(parameters: Any, wi: Any, turn: Any, wo: Any) -> Any:
+            function = brdf or self._brdf(tuple(parameters[i] for i in range(len(self.names))))
+            c, s = turn[0], turn[1]
+            # Components come as arrays of their own, which XLA fuses better than triples.
+            light = jnp.stack([jnp.broadcast_to(wi[i], (BLOCK,)) for i in range(3)], axis=-1)
+            view = jnp.stack([c * wo[0] - s * wo[1], s * wo[0] + c * wo[1], wo[2]], axis=-1)
+            if self.alone:
+                return jax.vmap(lambda i, o: jnp.reshape(function(i[None], o[None]), (self.channels or 1,)))(light, view)
+            values = jnp.asarray(function(light, view))
+            values = values if jnp.issubdtype(values.dtype, jnp.floating) else values.astype(float)
+            return values if values.ndim else jnp.broadcast_to(values, (BLOCK,))
+
+        self._program = jax.jit(jax.vmap(row))
+
+    def rows(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """f for rows of directions: parameters (rows, names), wi and wo (rows, 3, BLOCK) -> (rows, BLOCK, channels or 1)."""
+        still = np.tile([1.0, 0.0], (len(wi), 1))
+
+        def piece(rows: slice) -> np.ndarray:
+            return self._evaluate(parameters[rows], wi[rows], still[rows], wo[rows])
+
+        return np.concatenate(_side_by_side(piece, self._pieces(parameters)))
+
+    def sums(
+        self,
+        parameters: np.ndarray,
+        wi: np.ndarray,
+        azimuth: np.ndarray,
+        which: np.ndarray,
+        wo: np.ndarray,
+        weight: np.ndarray,
+        note: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], None],
+    ) -> np.ndarray:
+        """Weighted sums over blocks of directions, many incidences at a time: (points, blocks, channels or 1).
+
+        parameters (points, names), wi (points, 3), azimuth (points,): by how much tables of directions are turned; `which`
+        (points,): the table of each point in wo (tables, blocks, 3, BLOCK) and weight (tables, blocks, BLOCK). What is not
+        finite counts as 0. `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0
+        or one that is not finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
+        """
+        blocks = wo.shape[1]
+        turn = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        point = np.repeat(np.arange(len(wi)), blocks)
+        block = np.tile(np.arange(blocks), len(wi))
+
+        def piece(rows: slice) -> np.ndarray:
+            at, table = point[rows], (which[point[rows]], block[rows])
+            directions, share = wo[table], weight[table]
+            values = self._evaluate(parameters[at], wi[at][:, :, None], turn[at], directions)
+            found = np.einsum("rkc,rk->rc", values, share, dtype=float)
+            if not np.all(np.isfinite(found)) or values.min() < 0:
+                finite = np.isfinite(values)
+                values = np.where(finite, values, 0)
+                found = np.einsum("rkc,rk->rc", values, share, dtype=float)
+                c, s = turn[at].T[:, :, None]
+                x, y, z = np.moveaxis(directions, 1, 0)
+                note(at, np.stack([c * x - s * y, s * x + c * y, z], axis=1), values, finite, share)
+            return found
+
+        parts = _side_by_side(piece, self._pieces(parameters[point]))
+        return np.concatenate(parts).reshape(len(wi), blocks, -1)
+
+    def _pieces(self, parameters: np.ndarray) -> list[slice]:
+        """Rows that are evaluated together; of a numpy function those of the same parameters, in one call."""
+        count = len(parameters)
+        if not self.slow:
+            return [slice(i, min(i + self._rows, count)) for i in range(0, count, self._rows)]
+        change = np.flatnonzero(np.any(parameters[1:] != parameters[:-1], axis=1)) + 1
+        limits = np.unique(np.concatenate([[0, count], change]))
+        most = max(1, _NUMPY_CALL // BLOCK)
+        return [slice(int(i), int(min(i + most, high))) for low, high in pairwise(limits) for i in range(low, high, most)]
+
+    def _evaluate(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """One piece: wi (rows, 3, 1 or BLOCK), turn (rows, 2), wo (rows, 3, BLOCK) -> (rows, BLOCK, channels or 1)."""
+        return (self._numpy_rows if self.slow else self._program_rows)(parameters, wi, turn, wo)
+
+    def _program_rows(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        count = len(wi)
+        if count < self._rows:
+            parameters, wi, turn, wo = (
+                np.concatenate([part, np.broadcast_to(part[-1:], (self._rows - count, *part.shape[1:]))])
+                for part in (parameters, wi, turn, wo)
+            )
+        try:
+            with np.errstate(all="ignore"), double_precision():
+                values = np.asarray(self._program(parameters, wi, turn, wo))[:count]
+        except Exception as error:
             raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+        return values.reshape(count, BLOCK, -1)
+
+    def _numpy_rows(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        c, s = turn.T[:, :, None]
+        x, y, z = np.moveaxis(wo, 1, 0)
+        view = np.stack([c * x - s * y, s * x + c * y, z], axis=-1).reshape(-1, 3)
+        light = np.broadcast_to(np.moveaxis(wi, 1, 2), (len(wi), BLOCK, 3)).reshape(-1, 3)
+        return self._numpy_call(parameters[0], light, view).reshape(len(wi), BLOCK, -1)
+
+    def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """f for these parameters: (wi, wo) of shape (k, 3) each, float64 -> values of shape (k,) or (k, channels)."""
+        place = np.array([[float(parameters[name]) for name in self.names]])
+
+        def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+            count = len(wo)
+            if self.slow:
+                parts = [
+                    self._numpy_call(place[0], wi[i : i + _NUMPY_CALL], wo[i : i + _NUMPY_CALL])
+                    for i in range(0, count, _NUMPY_CALL)
+                ]
+                values = np.concatenate(parts)
+            else:
+                rows = -(-count // BLOCK)
+                spare = ((0, rows * BLOCK - count), (0, 0))
+                light, view = (
+                    np.ascontiguousarray(np.moveaxis(np.pad(part, spare, mode="edge").reshape(rows, BLOCK, 3), 2, 1))
+                    for part in (wi, wo)
+                )
+                values = self.rows(np.repeat(place, rows, axis=0), light, view).reshape(rows * BLOCK, -1)[:count]
+            return values[:, 0] if self.channels is None else values
+
+        return evaluate
+
+    def _numpy_call(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        values = self._called(parameters, wi, wo)
+        channels = self._shape_of(values, len(wi))
+        if channels is not None and channels != self.channels:
+            raise Finding(f"{self._name} returned {self.channels or 1} channels for 2 directions, {channels} for {len(wi)}")
+        values = values if values.dtype.kind == "f" else values.astype(float)
+        return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
+
+    # --- is a batch what its directions are one by one? ---
+
+    def disagreement(self, parameters: Mapping[str, float]) -> str | None:
+        """What is wrong where a batch of directions is not what its directions are alone, in other orders and batches."""
+        place = np.array([float(parameters[name]) for name in self.names])
+        wi, wo = _sample(24)
+        function = self._compiled_alone(place)
+        together = function(wi, wo)
+        scale = np.maximum(np.abs(together), np.max(np.abs(together), initial=0.0) * 1e-9)
+        for size in (1, 5):
+            parts = [function(wi[i : i + size], wo[i : i + size]) for i in range(0, 20, size)]
+            apart = np.concatenate(parts)
+            if _differ(apart, together[:20], scale[:20], self.epsilon):
+                again = function(wi, wo)
+                if _differ(again, together, scale, self.epsilon):
+                    return "the same directions give other values at each call: it is random, or keeps state between calls"
+                return (
+                    "directions given together are not what they are one by one: a sum, norm or maximum runs over all"
+                    " directions where it should run over the three components of each; give it axis=-1, and keepdims=True"
+                    " where it divides a vector"
+                )
+        order = np.random.default_rng(3).permutation(len(wi))
+        if _differ(function(wi[order], wo[order]), together[order], scale[order], self.epsilon):
+            again = function(wi, wo)
+            if _differ(again, together, scale, self.epsilon):
+                return "the same directions give other values at each call: it is random, or keeps state between calls"
+            return "the values depend on the order in which directions are given"
+        return None
+
+    def _compiled_alone(self, place: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        if self.slow:
+            return lambda wi, wo: self._numpy_call(place, wi, wo)
+        brdf = self._brdf(tuple(float(value) for value in place)) if not self.names else None
+        program = jax.jit(lambda p, wi, wo: (brdf or self._brdf(tuple(p)))(wi, wo))
+
+        def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+            try:
+                with np.errstate(all="ignore"), double_precision():
+                    values = np.asarray(program([np.asarray(value) for value in place], wi, wo))
+            except Exception as error:
+                raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+            return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
+
+        return evaluate
 
 
-def _arrays(parameters: Mapping[str, float]) -> dict[str, np.ndarray]:
-    return {key: np.asarray(value, float) for key, value in parameters.items()}
+def _differ(first: np.ndarray, second: np.ndarray, scale: np.ndarray, epsilon: float) -> bool:
+    with np.errstate(all="ignore"):
+        return bool(np.any(np.abs(first - second) > max(1e-7, 1e4 * epsilon) * scale))
+
+
+def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of directions, no two alike, shape (count, 3) each."""
+    random = np.random.default_rng(11)
+    cosine, azimuth = random.uniform(0.3, 0.95, (2, 24)), random.uniform(0, 2 * np.pi, (2, 24))
+    # Some are near the mirror direction, where a sharp lobe is not zero.
+    cosine[1, ::3], azimuth[1, ::3] = cosine[0, ::3] * 1.01, azimuth[0, ::3] + np.pi + 0.01
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    wi, wo = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    return wi[:count], wo[:count]
+
+
+def _side_by_side(function: Callable[[Any], np.ndarray], pieces: list[Any]) -> list[np.ndarray]:
+    """`function` of all pieces, on as many cores as there are."""
+    workers = min(len(available_cores()), len(pieces), 8)
+    if workers < 2:
+        return [function(piece) for piece in pieces]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(function, pieces))

@@ -5,11 +5,20 @@ The plain lines hold ASCII only, are never cut, and start with the BRDF's name a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from brdfcheck.messages import one_line
+from brdfcheck.verdict.words import albedo_text as albedo_text
+from brdfcheck.verdict.words import angles_text, parameters_text
+from brdfcheck.verdict.words import basis_text as basis_text
+from brdfcheck.verdict.words import count_text as count_text
+from brdfcheck.verdict.words import exact as exact
+from brdfcheck.verdict.words import interval_text as interval_text
+from brdfcheck.verdict.words import message as message
+from brdfcheck.verdict.words import place_text as place_text
+from brdfcheck.verdict.words import plural as plural
+from brdfcheck.verdict.words import ranges_text as ranges_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,75 +30,6 @@ if TYPE_CHECKING:
 _STYLES = {"CONSERVES": "green", "VIOLATES": "bold red", "UNDECIDED": "bold yellow"}
 # Below this width a report takes two lines of a table, below the other one a paragraph.
 _WIDE, _NARROW = 140, 80
-
-
-# --- numbers ---
-
-
-def exact(value: float) -> str:
-    """A number as short as it can be said, 1e-9 rather than 1e-09."""
-    mantissa, letter, exponent = f"{value:.6g}".partition("e")
-    return f"{mantissa}e{int(exponent)}" if letter else mantissa
-
-
-def albedo_text(report: Report, plus_minus: str = "+-") -> str:
-    """The largest albedo and its error bar, with the digits that the error bar leaves (at most ten)."""
-    if math.isnan(report.cos_theta):
-        return "unknown"
-    if math.isnan(report.albedo):
-        return "not a number"
-    if not math.isfinite(report.albedo):
-        return "infinite"
-    most = 10 if report.tolerance >= 1e-10 else 16
-    digits = most
-    if report.error > 0 and math.isfinite(report.error):
-        digits = min(max(2 - math.ceil(math.log10(report.error)), 2), most)
-    value = f"{report.albedo:.{digits}f}" if abs(report.albedo) < 1e6 else f"{report.albedo:.10g}"
-    return f"{value} {plus_minus} {report.error:.2g}"
-
-
-def place_text(report: Report, degree: str = " deg") -> str:
-    """Where the albedo is largest: the parameters, the angle of incidence, and the azimuth where it matters."""
-    if math.isnan(report.cos_theta):
-        return ""
-    return " ".join(filter(None, (_parameters(report), _angles(report, degree))))
-
-
-def _parameters(report: Report) -> str:
-    return " ".join(f"{name}={value:.6g}" for name, value in report.parameters.items())
-
-
-def _angles(report: Report, degree: str) -> str:
-    parts = [f"angle={report.angle:.5g}{degree}"]
-    if report.anisotropic:
-        parts.append(f"azimuth={math.degrees(report.azimuth):.5g}{degree}")
-    return " ".join(parts)
-
-
-def ranges_text(ranges: Any) -> str:
-    """The box of parameters, as ``--over`` takes it."""
-    return " ".join(f"{name}={low:g}" if low == high else f"{name}={low:g}:{high:g}" for name, (low, high) in ranges.items())
-
-
-def interval_text(report: Report) -> str:
-    """The parameters for which some angle exceeds 1, or nothing."""
-    swept = [name for name, (low, high) in report.ranges.items() if low < high]
-    if not report.above or len(swept) != 1:
-        return ""
-    return f"{swept[0]}=" + ", ".join(f"{low:.6g}..{high:.6g}" for low, high in report.above)
-
-
-def count_text(evaluations: int) -> str:
-    """A count in three digits: 780k, 1.2M."""
-    for unit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if evaluations >= unit:
-            return f"{evaluations / unit:.3g}{letter}"
-    return str(evaluations)
-
-
-def plural(count: int, singular: str, many: str) -> str:
-    """``1 violates``, ``2 violate``."""
-    return f"{count} {singular if count == 1 else many}"
 
 
 # --- plain lines ---
@@ -120,6 +60,8 @@ def plain_line(report: Report, name_width: int = 0) -> str:
     if report.ranges:
         parts.append(f"over {ranges_text(report.ranges)}")
     parts += [f"{report.evaluations} evaluations", f"{report.seconds:.2f} s", report.engine]
+    if report.basis != "none":
+        parts.append(basis_text(report))
     return "  ".join(parts)
 
 
@@ -131,18 +73,6 @@ def remark_lines(reports: Iterable[Report]) -> list[str]:
         for kind, texts in (("finding", report.findings), ("note", report.notes))
         for text in texts
     ]
-
-
-def message(report: Report) -> str:
-    """In one line what was found out, for annotations and test reports."""
-    text = f"{report.verdict.name}: albedo {albedo_text(report)}"
-    if place_text(report):
-        text += f" at {place_text(report)}"
-    interval = interval_text(report)
-    if interval:
-        text += f"; exceeds 1 for {interval}"
-    text += f" (tolerance {exact(report.tolerance)})"
-    return "; ".join((text, *map(one_line, report.findings)))
 
 
 def summary_line(counts: dict[str, int], seconds: float, tolerance: float) -> str:
@@ -252,7 +182,7 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
             name.append(f"\n  claimed: {claim}", style="italic")
         albedo.append(f"\n{count_text(report.evaluations)} evaluations", style="dim")
         if report.parameters:
-            place = _text(f"{_parameters(report)}\n{_angles(report, degree)}")
+            place = _text(f"{parameters_text(report)}\n{angles_text(report, degree)}")
         if interval_text(report):
             place.append(f"\n> 1 for {interval_text(report)}", style="red")
         table.add_row(name, verdict, albedo, place)

@@ -21,8 +21,8 @@ from brdfcheck.family import Family
 from brdfcheck.fit import RawAlbedo
 from brdfcheck.pointwise import PointwiseAlbedo
 from brdfcheck.records import number
-from brdfcheck.supremum import Supremum, supremum
 from brdfcheck.verdict import TOLERANCE, as_family, judge
+from brdfcheck.verdict.supremum import Supremum, supremum
 
 Curve = dict[str, Any]
 

@@ -29,6 +29,7 @@ from brdfcheck.callables import Evaluator, constant
 from brdfcheck.factors import peel as peel
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
+from brdfcheck.quadrature.limit import grazing_limit
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import weighted_sums, zonal_weights
 
@@ -39,8 +40,6 @@ _BATCH = 256
 _BATCH_2D = 1  # one incidence fills the cache; measured three times faster than sixteen at once
 # How much larger than the difference of two rules the error of engine 2 may be: measured up to 3.4 for very rough facets.
 _CAUTION = 6
-# Engine 3 takes the grazing limit at this cosine.
-_GRAZING = 1e-9
 
 
 class Albedo(eqx.Module):
@@ -286,29 +285,74 @@ def adaptive_albedo(
     slow: bool = False,
     max_evaluations: int = 4_000_000,
 ) -> Albedo:
-    """Engine 3 for a bound `Evaluator`: integrates each incidence by itself. Results are numpy arrays."""
+    """Engine 3 for a bound `Evaluator`: integrates each incidence by itself. Results are numpy arrays.
+
+    At a cosine of 0 it is the limit, inf where the albedo grows without bound. Where single directions are not finite the
+    BRDF is taken beside them; where many are, the albedo is not a number.
+    """
     cosines, azimuths = np.broadcast_arrays(np.asarray(cos_theta, float), np.asarray(azimuth, float))
     values, errors, count = [], [], 0
     for mu, turn in zip(cosines.ravel(), azimuths.ravel(), strict=True):
-        mu = max(float(mu), _GRAZING)
-        sine = math.sqrt((1 - mu) * (1 + mu))
-        wi = np.array([sine * math.cos(turn), sine * math.sin(turn), mu])
+        answer = evaluate(_light(0.5, turn), np.array([[0.0, 0.0, 1.0]]))
         # A function that computes in float32 cannot be integrated to 1e-8; trying would only cost evaluations.
-        answer = evaluate(wi[None], np.array([[0.0, 0.0, 1.0]]))
-        result = integrate_hemisphere(
-            lambda wo, wi=wi: evaluate(np.broadcast_to(wi, wo.shape), wo),
-            mu,
-            float(turn),
-            tolerance=max(rtol, ROUNDING * float(np.finfo(answer.dtype).eps)),
-            max_evaluations=max_evaluations,
-        )
-        # Where f was not finite the integral is unknown, whatever the rule says about the rest.
-        values.append(result.value if result.nonfinite == 0 else np.full_like(result.value, np.nan))
-        errors.append(result.error if result.nonfinite == 0 else np.full_like(result.error, np.inf))
-        count += result.evaluations
+        tolerance = max(rtol, ROUNDING * float(jnp.finfo(answer.dtype).eps))
+
+        def at(mu: float, turn: float = float(turn), tolerance: float = tolerance) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal count
+            wi = _light(mu, turn)
+            beside = _Beside(evaluate, wi)
+            result = integrate_hemisphere(beside, mu, turn, tolerance=tolerance, max_evaluations=max_evaluations)
+            count += result.evaluations
+            if beside.broken or result.nonfinite:  # the integral is unknown, whatever the rule says about the rest
+                return np.full_like(result.value, np.nan), np.full_like(result.error, np.inf)
+            return result.value, result.error
+
+        value, error = at(float(mu)) if mu > 0 else grazing_limit(at)
+        values.append(value)
+        errors.append(error)
     shape = cosines.shape + np.shape(values[0]) if values else cosines.shape
     engine = "adaptive (numpy)" if slow else "adaptive"
     return Albedo(np.reshape(values, shape), np.reshape(errors, shape), np.asarray(count), engine)  # pyright: ignore[reportArgumentType]
+
+
+def _light(mu: float, azimuth: float) -> np.ndarray:
+    sine = math.sqrt((1 - mu) * (1 + mu))
+    return np.array([[sine * math.cos(azimuth), sine * math.sin(azimuth), mu]])
+
+
+class _Beside:
+    """f(wi, .) for one wi, taken a little beside the directions where it is not finite, as long as these are few.
+
+    A BRDF that is not finite at single directions (a division by zero at the mirror direction, say) has an albedo all the same.
+    Where all directions are concerned it is wi that is special, at normal incidence mostly: then wi is taken beside.
+    `broken` is set where that does not help.
+    """
+
+    def __init__(self, evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray], wi: np.ndarray):
+        self._evaluate, self._wi = evaluate, wi
+        self.broken = False
+
+    def __call__(self, wo: np.ndarray) -> np.ndarray:
+        values = self._evaluate(np.broadcast_to(self._wi, wo.shape), wo)
+        # Weights vanish on the horizon itself: what happens there does not count.
+        bad = ~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)) & (wo[:, 2] > 0)
+        if not np.any(bad):
+            return np.where(np.isfinite(values), values, 0).astype(values.dtype)
+        if np.count_nonzero(bad) > len(bad) / 2:
+            values = self._evaluate(np.broadcast_to(_nudged(self._wi), wo.shape), wo)
+            bad = ~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)) & (wo[:, 2] > 0)
+        if np.any(bad) and np.count_nonzero(bad) <= max(16, len(bad) / 50):
+            values = values.copy()
+            values[bad] = self._evaluate(np.broadcast_to(self._wi, wo.shape)[bad], _nudged(wo[bad]))
+            bad = ~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)) & (wo[:, 2] > 0)
+        self.broken |= bool(np.any(bad))
+        return np.where(np.isfinite(values), values, 0).astype(values.dtype)
+
+
+def _nudged(directions: np.ndarray) -> np.ndarray:
+    """Unit vectors turned by a ten millionth of a radian, up rather than down."""
+    moved = directions + np.array([6e-8, 7e-8, 1e-8])
+    return moved / np.linalg.norm(moved, axis=-1, keepdims=True)
 
 
 def _of_one_type(brdf: Any, mu: Array) -> tuple[Any, Array]:

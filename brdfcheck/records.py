@@ -23,6 +23,7 @@ import brdfcheck
 
 if TYPE_CHECKING:
     from brdfcheck.verdict import Report
+    from brdfcheck.verdict.side_checks import Witness
 
 SCHEMA = "brdfcheck-results"
 SCHEMA_VERSION = 1
@@ -71,6 +72,10 @@ def to_json_object(report: Report) -> dict[str, Any]:
             "reciprocal": bool(side.reciprocal),
             "positive": bool(side.positive),
             "passed": bool(side.passed),
+            **{
+                name: None if witness is None else _witness_object(witness)
+                for name, witness in (("unequal", side.unequal), ("lowest", side.lowest), ("broken", side.broken))
+            },
         },
         "engine": report.engine,
         "anisotropic": report.anisotropic,
@@ -78,13 +83,42 @@ def to_json_object(report: Report) -> dict[str, Any]:
         "seconds": number(report.seconds),
         "findings": list(report.findings),
         "notes": list(report.notes),
+        "basis": report.basis,
+        "points": int(report.points),
+        "climbs": int(report.climbs),
+        "settled": bool(report.settled),
+        "width": {name: number(value) for name, value in report.width.items()},
+        "unbounded": report.unbounded,
+        "channel": report.channel,
+        "channels": int(report.channels),
+        "effort": report.effort,
     }
+
+
+def _witness_object(witness: Witness) -> dict[str, Any]:
+    return {
+        "parameters": [number(value) for value in witness.parameters],
+        "wi": [number(value) for value in witness.wi],
+        "wo": [number(value) for value in witness.wo],
+        "value": number(witness.value),
+        "swapped": None if witness.swapped is None else number(witness.swapped),
+    }
+
+
+def _witness(record: Mapping[str, Any] | None) -> Witness | None:
+    from brdfcheck.verdict.side_checks import Witness
+
+    if record is None:
+        return None
+    places = (tuple(float(value) for value in record[name]) for name in ("parameters", "wi", "wo"))
+    swapped = record["swapped"]
+    return Witness(*places, float(record["value"]), None if swapped is None else float(swapped))
 
 
 def from_json_object(record: Mapping[str, Any]) -> Report:
     """The report that `to_json_object` wrote. KeyError where a field is missing."""
-    from brdfcheck.side_checks import SideChecks
     from brdfcheck.verdict import Report, Verdict
+    from brdfcheck.verdict.side_checks import SideChecks
 
     side = record["side"]
     return Report(
@@ -107,6 +141,7 @@ def from_json_object(record: Mapping[str, Any]) -> Report:
             side["pairs"],
             side["reciprocal"],
             side["positive"],
+            *(_witness(side[name]) for name in ("unequal", "lowest", "broken")),
         ),
         engine=record["engine"],
         anisotropic=record["anisotropic"],
@@ -114,6 +149,15 @@ def from_json_object(record: Mapping[str, Any]) -> Report:
         seconds=float(record["seconds"]),
         findings=tuple(record["findings"]),
         notes=tuple(record["notes"]),
+        basis=record["basis"],
+        points=record["points"],
+        climbs=record["climbs"],
+        settled=record["settled"],
+        width={name: float(value) for name, value in record["width"].items()},
+        unbounded=record["unbounded"],
+        channel=record["channel"],
+        channels=record["channels"],
+        effort=record["effort"],
     )
 
 

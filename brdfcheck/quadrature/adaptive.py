@@ -47,6 +47,10 @@ _SKIN_WEIGHT = 0.02
 # Rows given to `evaluate` at a time, and rounds of refinement.
 _LARGEST_BATCH = 2**17
 _ROUNDS = 58
+# Over how many rounds a sum is watched that does not converge.
+_LAST_ROUNDS = 12
+# The radius (radians) about a seed inside which directions are not told apart well enough.
+_BLUR = 1e-13
 # How many roundings an evaluation is taken to contain; from what size on a number counts as infinite.
 _ROUNDINGS = 16
 _INFINITE = 1e290
@@ -96,7 +100,8 @@ _POINTS = np.concatenate([np.stack(np.meshgrid(_NODES, _NODES, indexing="ij"), a
 class HemisphereIntegral(NamedTuple):
     """The integral of f(wo) (N.wo) over the hemisphere, and how far it is to be believed.
 
-    `converged` says that `error` is within the tolerance and that every evaluation was finite.
+    `converged` says that `error` is within the tolerance and that every evaluation was finite. Where the sum rises as fast at
+    the end as before, however small the boxes, the integral has no finite value: inf +- inf.
     """
 
     value: np.ndarray  # shape (), or (channels,)
@@ -232,8 +237,13 @@ class _Integrand:
         whole, local = surprise.mean(axis=(2, 3)), surprise.std(axis=3).mean(axis=2)
         error += _SKIN_WEIGHT * (whole + local[:, ::-1])
         value = np.einsum("blc,l->bc", lines[0][:, 0], kronrod)
-        noise = _ROUNDINGS * precision * np.einsum("bijc,i,j->bc", np.abs(nodes), kronrod, kronrod)
-        return _Measured(value, error.sum(axis=1), noise, np.argmax(error.max(axis=-1), axis=1))
+        total = np.einsum("bijc,i,j->bc", np.abs(nodes), kronrod, kronrod)
+        noise = _ROUNDINGS * precision * total
+        axis, error = np.argmax(error.max(axis=-1), axis=1), error.sum(axis=1)
+        # Directions are rounded too: this close to a seed nothing is to be learnt from smaller boxes.
+        blurred = (boxes.patch[:, 4] != 0) & (_CENTRE * np.sinh(boxes.low[:, 0] + boxes.size[:, 0]) < _BLUR)
+        noise = np.where(blurred[:, None], total, noise)
+        return _Measured(value, np.where(blurred[:, None], 0, error), noise, axis)
 
 
 def _halves(boxes: _Boxes, axis: np.ndarray) -> _Boxes:
@@ -242,6 +252,16 @@ def _halves(boxes: _Boxes, axis: np.ndarray) -> _Boxes:
     size = np.where(cut, boxes.size / 2, boxes.size)
     upper = np.where(cut, boxes.low + size, boxes.low)
     return _Boxes(np.concatenate([boxes.low, upper]), np.tile(size, (2, 1)), np.tile(boxes.patch, (2, 1)))
+
+
+def _rises_without_end(sums: np.ndarray) -> np.ndarray:
+    """True for each channel whose sums (rounds, channels) rise by no less in the last rounds than in those before."""
+    steps = np.diff(sums, axis=0)[-_LAST_ROUNDS:]
+    if len(steps) < _LAST_ROUNDS:
+        return np.zeros(sums.shape[1], bool)
+    half = _LAST_ROUNDS // 2
+    lasting = np.all(steps > 0, axis=0) & (steps[half:].mean(axis=0) > 0.9 * steps[:half].mean(axis=0))
+    return lasting & (steps.sum(axis=0) > 0.01 * np.abs(sums[-1]))  # rounding may creep up, but not that far
 
 
 def integrate_hemisphere(
@@ -275,7 +295,9 @@ def integrate_hemisphere(
     integrand = _Integrand(evaluate, float(azimuth))
     boxes = _initial_boxes(float(np.sqrt((1 - cos_theta) * (1 + cos_theta))), float(cos_theta))
     found = integrand.measure(boxes)
+    sums = []
     for _ in range(_ROUNDS):
+        sums.append(found.value.sum(axis=0))
         goal = tolerance * np.maximum(np.abs(found.value.sum(axis=0)), 1)
         if np.all(found.error.sum(axis=0) + found.noise.sum(axis=0) <= goal):
             break
@@ -295,6 +317,9 @@ def integrate_hemisphere(
     value = found.value.sum(axis=0)
     error = found.error.sum(axis=0) + found.noise.sum(axis=0)
     converged = bool(np.all(error <= tolerance * np.maximum(np.abs(value), 1))) and integrand.nonfinite == 0
+    if not converged and np.any(error > 0.05 * np.abs(value)):
+        endless = _rises_without_end(np.array(sums))
+        value, error = np.where(endless, np.inf, value), np.where(endless, np.inf, error)
     if integrand.scalar:
         value, error = value[0], error[0]
     return HemisphereIntegral(np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import enum
 import inspect
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -22,68 +21,15 @@ from brdfcheck.directional import refuse_batched
 from brdfcheck.factors import Normalized, PerCosine
 from brdfcheck.family import Family, refusal
 from brdfcheck.pointwise import PointwiseAlbedo
-from brdfcheck.side_checks import SideChecks, side_checks
-from brdfcheck.supremum import Supremum, supremum
+from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
+from brdfcheck.verdict.report import Report as Report
+from brdfcheck.verdict.report import Verdict as Verdict
+from brdfcheck.verdict.report import judge as judge
+from brdfcheck.verdict.side_checks import SideChecks, Witness, side_checks
+from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, supremum
 
-TOLERANCE = 1e-9
-"""How far above 1 an albedo may lie and still count as conserving."""
-
-_SHARPER = 1e-13
 # What a parameter runs over when a class is given without ranges.
 _USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
-
-
-class Verdict(enum.Enum):
-    """Three answers, because an error bar can straddle the line."""
-
-    CONSERVES = "the albedo stays at or below 1"
-    VIOLATES = "the albedo exceeds 1 by more than its own error"
-    UNDECIDED = "the error bar contains 1: ask for more accuracy"
-
-
-@dataclass(frozen=True)
-class Report:
-    """What `check` found out about a family of BRDFs.
-
-    `albedo` +- `error` is the largest directional albedo; `parameters`, `cos_theta`, `azimuth` (radians) say where.
-    `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`: reciprocity, minimum,
-    NaN/Inf (None where the BRDF could not be evaluated). `findings`: defects, in words; `notes`: remarks.
-    """
-
-    name: str
-    verdict: Verdict
-    albedo: float
-    error: float
-    parameters: Mapping[str, float]
-    cos_theta: float
-    azimuth: float
-    tolerance: float
-    ranges: Mapping[str, tuple[float, float]]
-    above: tuple[tuple[float, float], ...] | None
-    side: SideChecks | None
-    engine: str
-    anisotropic: bool
-    evaluations: int
-    seconds: float
-    findings: tuple[str, ...] = field(default=())
-    notes: tuple[str, ...] = field(default=())
-
-    @property
-    def passed(self) -> bool:
-        """True where the family conserves energy and has no other defect."""
-        return self.verdict is Verdict.CONSERVES and not self.findings
-
-    @property
-    def angle(self) -> float:
-        """The worst angle of incidence in degrees."""
-        return float(np.degrees(np.arccos(self.cos_theta)))
-
-
-def judge(value: float, error: float, tolerance: float = TOLERANCE) -> Verdict:
-    """The verdict on a largest albedo `value` +- `error`; NaN is UNDECIDED."""
-    if value - error > 1 + tolerance or value == np.inf:
-        return Verdict.VIOLATES
-    return Verdict.CONSERVES if value + error <= 1 + tolerance else Verdict.UNDECIDED
 
 
 def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta: tuple[float, float] | None) -> Family:
@@ -186,15 +132,19 @@ def check(
     tolerance: float = TOLERANCE,
     rtol: float | None = None,
     intervals: bool = True,
+    effort: str = "normal",
+    watch: Watch | None = None,
     **ranges: tuple[float, float],
 ) -> Report:
     """Does this BRDF, or every member of this family, conserve energy?
 
     `target`: a catalogue name, a BRDF, a function ``f(wi, wo)``, or a class or factory whose keyword parameters run over
-    the given ranges, as in ``check(Phong, n=(1, 1000))``. The largest directional albedo over all parameters in the
-    ranges and all cosines of incidence in `cos_theta` (by default [0, 1]; and all azimuths where the BRDF is
-    anisotropic) is a continuous maximum with an error bar. `tolerance`: how far above 1 still conserves. `rtol`: the
-    accuracy of the albedo, by default the best. `intervals`: find where a violating one-parameter family violates.
+    the given ranges, as in ``check(Phong, n=(1, 1000))``; a range of one value holds a parameter. The largest directional
+    albedo over all parameters in the ranges and all cosines of incidence in `cos_theta` (by default [0, 1]; and all azimuths
+    where the BRDF is anisotropic) is a continuous maximum with an error bar. `tolerance`: how far above 1 still conserves.
+    `rtol`: the accuracy of the albedo, by default the best. `intervals`: find where a violating one-parameter family
+    violates. `effort`: "quick", "normal" or "thorough", how many points the search looks at; the verdicts mean the same.
+    `watch` is called with the number of points looked at and the largest albedo seen so far.
 
     Raises ValueError for bad ranges, KeyError for an unknown name, TypeError for something that is not a BRDF. A function
     that raises or returns nonsense is reported as a finding.
@@ -203,15 +153,36 @@ def check(
         raise ValueError(f"tolerance must be a number in [0, 1); got {tolerance!r}")
     if rtol is not None and not (isinstance(rtol, (int, float)) and 0 < rtol < 1):
         raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
+    if effort not in EFFORTS:
+        raise ValueError(f"effort must be one of {', '.join(EFFORTS)}; got {effort!r}")
     family = as_family(target, ranges, cos_theta)
     refused = refusal(family)
     # A defect of a user's factory is a finding, not a wrong argument.
     if refused is not None and refused.ours and isinstance(refused.error, ValueError):
         raise refused.error
-    return check_family(family, tolerance=tolerance, rtol=rtol, intervals=intervals)
+    return check_family(family, tolerance=tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
 
 
-def check_family(family: Family, *, tolerance: float = TOLERANCE, rtol: float | None = None, intervals: bool = True) -> Report:
+def assert_conserves(brdf: Any, **options: Any) -> Report:
+    """`check`, for tests: AssertionError where the BRDF does not pass, with verdict, albedo, place, error bar and findings.
+
+    `brdf` and `options` are those of `check`, ranges of parameters included; raises what `check` raises, and returns its report.
+    """
+    report = check(brdf, **options)
+    if not report.passed:
+        raise AssertionError(str(report))
+    return report
+
+
+def check_family(
+    family: Family,
+    *,
+    tolerance: float = TOLERANCE,
+    rtol: float | None = None,
+    intervals: bool = True,
+    effort: str = "normal",
+    watch: Watch | None = None,
+) -> Report:
     """`check` for a `Family`."""
     start = time.perf_counter()
     findings: list[str] = []
@@ -223,37 +194,40 @@ def check_family(family: Family, *, tolerance: float = TOLERANCE, rtol: float | 
         albedo = PointwiseAlbedo(family)
         if albedo.engine == "adaptive (numpy)":
             notes.append("JAX cannot trace this function: evaluated with numpy, which is slower")
+        if albedo.evaluator is not None:
+            findings += _batches(albedo)
+        worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
-        worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals)
-        if judge(worst.value, worst.error, tolerance) is Verdict.UNDECIDED and np.isfinite(worst.value):
-            worst = _sharpened(albedo, worst)
         side = side_checks(albedo, worst.parameters)
     except Finding as finding:
         findings.append(str(finding))
     if side is not None:
-        if not side.reciprocal:
-            findings.append(f"not reciprocal: f(wi, wo) and f(wo, wi) differ by {side.reciprocity:.2g} of the larger")
-        if not side.positive:
-            findings.append(f"negative: the smallest value seen is {side.minimum:.3g} / sr")
-        if side.nonfinite:
-            findings.append(f"not finite: {side.nonfinite} of {side.pairs} values are NaN or Inf")
+        findings += _defects(side, tuple(family.ranges))
     if worst is not None and np.isnan(worst.value):
-        findings.append("the albedo is not a number where the BRDF is not finite")
-    verdict = Verdict.UNDECIDED if worst is None else judge(worst.value, worst.error, tolerance)
-    if verdict is Verdict.UNDECIDED and worst is not None and jax.numpy.zeros(0).dtype == np.float32:
-        notes.append("computed in float32: call brdfcheck.use_x64() first for an error bar below 1e-9")
-    return Report(
+        everywhere = "the BRDF is not a number everywhere" if side is not None and np.isnan(side.minimum) else ""
+        findings.append(everywhere or "the albedo is not a number where the BRDF is not finite")
+    verdict = Verdict.UNDECIDED
+    if worst is not None:
+        verdict = judge(worst.value, worst.error, tolerance, least=worst.least, settled=worst.settled)
+        if verdict is Verdict.CONSERVES and worst.value < -worst.error:
+            verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
+    if verdict is Verdict.UNDECIDED and worst is not None:
+        if jax.numpy.zeros(0).dtype == np.float32:
+            notes.append("computed in float32: call brdfcheck.use_x64() first for an error bar below 1e-9")
+        if not worst.settled and np.isfinite(worst.value):
+            notes.append("the search did not settle: narrow the ranges, or give it more effort")
+    report = Report(
         name=family.name,
         verdict=verdict,
-        albedo=np.nan if worst is None else worst.value,
-        error=np.nan if worst is None else worst.error,
-        parameters={} if worst is None else worst.parameters,
-        cos_theta=np.nan if worst is None else worst.cos_theta,
-        azimuth=np.nan if worst is None else worst.azimuth,
+        albedo=np.nan,
+        error=np.nan,
+        parameters={},
+        cos_theta=np.nan,
+        azimuth=np.nan,
         tolerance=tolerance,
         ranges=dict(family.ranges),
-        above=None if worst is None else worst.above,
+        above=None,
         side=side,
         engine="none" if albedo is None else albedo.engine,
         anisotropic=albedo is not None and albedo.anisotropic,
@@ -261,16 +235,65 @@ def check_family(family: Family, *, tolerance: float = TOLERANCE, rtol: float | 
         seconds=time.perf_counter() - start,
         findings=tuple(findings),
         notes=tuple(notes),
+        effort=effort,
+    )
+    if worst is None:
+        return report
+    return replace(
+        report,
+        albedo=worst.value,
+        error=worst.error,
+        parameters=worst.parameters,
+        cos_theta=worst.cos_theta,
+        azimuth=worst.azimuth,
+        above=worst.above,
+        basis=worst.basis,
+        points=worst.points,
+        climbs=worst.climbs,
+        settled=worst.settled,
+        width=worst.width,
+        unbounded=worst.unbounded,
+        channel=worst.channel,
+        channels=worst.channels,
     )
 
 
-def _sharpened(albedo: PointwiseAlbedo, worst: Supremum) -> Supremum:
-    """The same maximum at the highest accuracy, where the error bar straddles 1."""
-    place = np.array([[worst.parameters[name] for name in albedo.names]])
-    rtol = _SHARPER if albedo.fast else 1e-11
-    value, error = albedo(place, np.array([worst.cos_theta]), np.array([worst.azimuth]), rtol=rtol)
-    if not error[0] < worst.error:
-        return worst
-    return Supremum(
-        float(value[0]), float(error[0]), worst.parameters, worst.cos_theta, worst.azimuth, worst.threshold, worst.above
-    )
+def _batches(albedo: PointwiseAlbedo) -> list[str]:
+    """What is wrong where directions given together are not what they are one by one; they are taken one by one then.
+
+    Raises Finding where that is not possible.
+    """
+    evaluator = albedo.evaluator
+    assert evaluator is not None
+    middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in albedo.family.ranges.items() if low < high}
+    trouble = evaluator.disagreement(middle)
+    if trouble is None:
+        return []
+    if not evaluator.evaluated_alone():
+        raise Finding(trouble)
+    return [f"{trouble}. The albedo is that of directions taken one by one"]
+
+
+def _defects(side: SideChecks, names: tuple[str, ...]) -> list[str]:
+    """The side checks that failed, in words, each with the place where it shows."""
+    found = []
+    if not side.reciprocal:
+        text = f"not reciprocal: f(wi, wo) and f(wo, wi) differ by {side.reciprocity:.2g} of the larger"
+        if side.unequal is not None:
+            text += f": {side.unequal.value:.6g} and {side.unequal.swapped:.6g} / sr {_where(side.unequal, names)}"
+        found.append(text)
+    if not side.positive:
+        found.append(f"negative: the smallest value seen is {side.minimum:.3g} / sr{_where(side.lowest, names, ' ')}")
+    if side.nonfinite:
+        what = "NaN everywhere" if np.isnan(side.minimum) else f"{side.nonfinite} of {side.pairs} values are NaN or Inf"
+        kind = f", {side.broken.value} " if side.broken is not None else ""
+        found.append(f"not finite: {what}{kind}{_where(side.broken, names)}")
+    return found
+
+
+def _where(witness: Witness | None, names: tuple[str, ...], before: str = "") -> str:
+    if witness is None:
+        return ""
+    wi, wo = (f"({', '.join(f'{part:.6g}' for part in direction)})" for direction in (witness.wi, witness.wo))
+    parameters = "".join(f"{name}={value:.6g}, " for name, value in zip(names, witness.parameters, strict=True))
+    return f"{before}at {parameters}wi={wi}, wo={wo}"

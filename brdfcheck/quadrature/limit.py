@@ -1,0 +1,94 @@
+r"""The limit of an albedo at grazing incidence, from its values at decades of the cosine.
+
+Towards grazing, albedos behave like a + b mu^p, or they grow without bound like mu^-p or -log(mu). On decades the differences
+of a + b mu^p have the constant ratio q = 10^-p: Aitken's extrapolation is exact for any p, square roots and tenth powers too.
+Where q does not stay below 1 the values are followed to cosines so small that no guard of the form max(mu, 1e-12) holds them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+# Cosines from which the limit is taken, and those at which a growth must go on to count as one without bound.
+_COSINES = 10.0 ** -np.arange(3.0, 10.0)
+_BEYOND = 10.0 ** -np.array([12.0, 15.0, 20.0, 30.0])
+# Differences of successive decades with a ratio below this have a limit; above it they grow like a logarithm or faster.
+_SLOWEST = 0.93
+
+
+def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """The limit of `albedo` (cosine -> value, error; scalars or channels) as the cosine goes to 0, and its error.
+
+    inf +- inf where it grows without bound; nan +- inf where the values are none.
+    """
+    # From the far end: mostly the last decades agree within their errors, and that is all that is needed.
+    found: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+
+    def at(cosine: float) -> tuple[np.ndarray, np.ndarray]:
+        if cosine not in found:
+            value, error = albedo(cosine)
+            found[cosine] = np.asarray(value, float), np.asarray(error, float)
+        return found[cosine]
+
+    (value, error), (before, _) = at(_COSINES[-1]), at(_COSINES[-3])
+    with np.errstate(all="ignore"):
+        change = np.abs(value - before)
+    if np.all(change <= np.maximum(2 * error, 1e-14)):
+        return value, error + change
+    values, errors = (np.stack(part) for part in zip(*(at(cosine) for cosine in _COSINES), strict=True))
+    flat, flat_errors = values.reshape(len(values), -1), errors.reshape(len(values), -1)
+    pairs = [_extrapolated(flat[:, i], flat_errors[:, i]) for i in range(flat.shape[1])]
+    limits, bars = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
+    rising = np.isposinf(limits)
+    if np.any(rising):
+        farther = [at(cosine) for cosine in _BEYOND]
+        ladder = np.concatenate([[-9.0], np.log10(_BEYOND)])
+        for i in np.flatnonzero(rising):
+            values = np.array([flat[-1, i], *(np.ravel(value)[i] for value, _ in farther)])
+            bars_beyond = np.array([flat_errors[-1, i], *(np.ravel(error)[i] for _, error in farther)])
+            if not _goes_on(ladder, values, bars_beyond):
+                # It is held somewhere: the last value is as near to the limit as can be told.
+                last = np.flatnonzero(np.isfinite(values))[-1]
+                spread = np.abs(values[last] - values[max(last - 1, 0)])
+                limits[i], bars[i] = values[last], bars_beyond[last] + spread
+    return limits.reshape(value.shape), bars.reshape(value.shape)
+
+
+def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
+    """The limit of values on decades, with its error; inf where their differences do not shrink."""
+    if not np.all(np.isfinite(values[-4:])):
+        return (np.inf, np.inf) if np.any(np.isposinf(values[-4:])) else (np.nan, np.inf)
+    steps = np.diff(values)
+    noise = errors[1:] + errors[:-1]
+    last, error = values[-1], errors[-1]
+    if abs(steps[-1]) <= 2 * noise[-1]:  # no more change than the errors allow
+        return last, error + abs(steps[-1])
+    told = np.abs(steps) > 4 * noise
+    if not np.all(told[-3:]):
+        return last, error + 2 * abs(steps[-1])
+    ratios = steps[1:] / steps[:-1]
+    q = ratios[-1]
+    if q <= 0 or ratios[-2] <= 0:  # it wobbles
+        return last, error + float(np.max(np.abs(steps[-3:])))
+    if q >= _SLOWEST:
+        return (np.inf, np.inf) if steps[-1] > 0 else (last, np.inf)
+    limit = last + steps[-1] * q / (1 - q)
+    earlier = ratios[-2]
+    other = values[-2] + steps[-2] * earlier / (1 - earlier) if earlier < 1 else np.inf
+    amplified = error * (1 + 2 * (q / (1 - q)) ** 2 + 2 / (1 - q))
+    return limit, amplified + abs(limit - other)
+
+
+def _goes_on(ladder: np.ndarray, values: np.ndarray, errors: np.ndarray) -> bool:
+    """True where values on a ladder of log10(cosine) rise at each rung as fast as before, or faster."""
+    if np.any(np.isposinf(values)):
+        return True
+    finite = np.isfinite(values)
+    values, errors, ladder = values[finite], errors[finite], ladder[finite]
+    if len(values) < 3:
+        return False
+    rates = np.diff(values) / -np.diff(ladder)
+    known = np.diff(values) > 4 * (errors[1:] + errors[:-1])
+    return bool(np.all(rates > 0) and rates[-1] >= 0.7 * rates[0] and known[-1])

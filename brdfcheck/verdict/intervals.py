@@ -1,0 +1,73 @@
+"""Where a family of one parameter violates: the intervals on which the largest albedo over all angles exceeds a threshold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.verdict.box import Box
+
+_ANGLES = 17
+_TURNS = 8
+_SWEEPS = 4
+
+
+def intervals_above(albedo: PointwiseAlbedo, box: Box, peak: np.ndarray, threshold: float) -> tuple[tuple[float, float], ...]:
+    """The intervals of the first axis of `box` on which some angle exceeds `threshold`; `peak`: a place where it does."""
+    unit = np.unique(np.append(np.linspace(0, 1, 65), peak[0]))
+    exceeds = _ridge(albedo, box, unit, peak) > threshold
+    exceeds[unit == peak[0]] = True
+    crossings = np.flatnonzero(exceeds[1:] != exceeds[:-1])
+    low, high = unit[crossings], unit[crossings + 1]
+    for _ in range(9 if crossings.size else 0):
+        trial = low[:, None] + (high - low)[:, None] * np.arange(1, 8) / 8
+        inside = (_ridge(albedo, box, trial.ravel(), peak) > threshold).reshape(trial.shape) == exceeds[crossings][:, None]
+        steps = np.where(inside.all(axis=1), 7, np.argmin(inside, axis=1))
+        width = (high - low) / 8
+        low, high = low + steps * width, low + (steps + 1) * width
+    edges = list((low + high) / 2)
+    if exceeds[0]:
+        edges.insert(0, 0.0)
+    if exceeds[-1]:
+        edges.append(1.0)
+    places = np.tile(peak, (len(edges), 1))
+    places[:, 0] = edges
+    values = box.physical(places)[0][:, list(box.ranges).index(box.swept[0])]
+    return tuple((float(a), float(b)) for a, b in zip(values[::2], values[1::2], strict=True))
+
+
+def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray) -> np.ndarray:
+    """The largest albedo over all angles at given values of the first axis, refined by shrinking sweeps."""
+    rows = np.arange(len(unit))
+    centre = np.tile(peak[1:], (len(unit), 1))
+    axes = box.dimension - 1
+    counts = [_ANGLES if box.names[1 + axis] == "angle" else _TURNS for axis in range(axes)]
+    width = np.ones(axes)
+    for sweep in range(_SWEEPS if axes else 1):
+        grids = [np.linspace(0, 1, count) if sweep == 0 else np.linspace(-1, 1, count) for count in counts]
+        mesh = np.stack([grid.ravel() for grid in np.meshgrid(*grids, indexing="ij")], axis=-1) if axes else np.zeros((1, 0))
+        angles = mesh[None] if sweep == 0 else centre[:, None] + width * mesh[None]
+        places = np.concatenate(
+            [
+                np.broadcast_to(unit[:, None, None], (len(unit), len(mesh), 1)),
+                np.broadcast_to(angles, (len(unit), len(mesh), axes)),
+            ],
+            axis=2,
+        )
+        places = np.concatenate([places, np.insert(np.tile(peak[1:], (len(unit), 1)), 0, unit, axis=1)[:, None]], axis=1)
+        places = box.kept(places.reshape(-1, box.dimension))
+        values = _estimated(albedo, box, places, 0).reshape(len(unit), -1)
+        centre = places.reshape(len(unit), -1, box.dimension)[rows, np.argmax(values, axis=1), 1:]
+        width = np.array([1 / (count - 1) for count in counts]) if sweep == 0 else width * 0.3
+    # Quick rules find the angle; what is compared in the end is told by the finest, there and at the angle of the peak.
+    finest = [
+        _estimated(albedo, box, np.concatenate([unit[:, None], angles], axis=1), albedo.levels - 1)
+        for angles in (centre, np.tile(peak[1:], (len(unit), 1)))
+    ]
+    return np.max(finest, axis=0)
+
+
+def _estimated(albedo: PointwiseAlbedo, box: Box, places: np.ndarray, level: int) -> np.ndarray:
+    with np.errstate(all="ignore"):
+        values, _ = albedo.estimate(*box.physical(places), level)
+    return np.where(np.isnan(values), np.inf, values)

@@ -1,0 +1,97 @@
+"""What a check says: the verdict, the largest albedo with its place and error bar, and what it rests on."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from brdfcheck.verdict import words
+from brdfcheck.verdict.side_checks import SideChecks
+
+TOLERANCE = 1e-9
+"""How far above 1 an albedo may lie and still count as conserving."""
+
+
+class Verdict(enum.Enum):
+    """Three answers, because an error bar can straddle the line."""
+
+    CONSERVES = "the albedo stays at or below 1"
+    VIOLATES = "the albedo exceeds 1 by more than its own error"
+    UNDECIDED = "the error bar contains 1, or the search did not settle: ask for more accuracy or effort"
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `check` found out about a family of BRDFs. True where it passed: ``assert check(brdf)`` works.
+
+    `albedo` +- `error` is the largest directional albedo; `parameters`, `cos_theta`, `azimuth` (radians) say where.
+    `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`: reciprocity, minimum,
+    NaN/Inf (None where the BRDF could not be evaluated). `findings`: defects, in words; `notes`: remarks.
+
+    What the answer rests on: `basis` ("theorem" where the angle needed no search, else "search"), `points` looked at,
+    `climbs` begun, `settled` (the climbs ended, and a second scan found nothing higher), and `width`: the widest region that
+    the search may have missed, for each parameter as a part of its range, for "angle" and "azimuth" in degrees, and for "cell"
+    as a part of all ranges at once. `unbounded` says where the albedo grows without bound (`albedo` is then infinite).
+    `channel`: of `channels`, the one with the largest albedo (None: there is one only).
+    """
+
+    name: str
+    verdict: Verdict
+    albedo: float
+    error: float
+    parameters: Mapping[str, float]
+    cos_theta: float
+    azimuth: float
+    tolerance: float
+    ranges: Mapping[str, tuple[float, float]]
+    above: tuple[tuple[float, float], ...] | None
+    side: SideChecks | None
+    engine: str
+    anisotropic: bool
+    evaluations: int
+    seconds: float
+    findings: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())
+    basis: str = "none"
+    points: int = 0
+    climbs: int = 0
+    settled: bool = False
+    width: Mapping[str, float] = field(default_factory=dict)
+    unbounded: str | None = None
+    channel: int | None = None
+    channels: int = 1
+    effort: str = "normal"
+
+    @property
+    def passed(self) -> bool:
+        """True where the family conserves energy and has no other defect."""
+        return self.verdict is Verdict.CONSERVES and not self.findings
+
+    def __bool__(self) -> bool:
+        return self.passed
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: {words.message(self)}", f"  {words.basis_text(self)}"]
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    @property
+    def angle(self) -> float:
+        """The worst angle of incidence in degrees."""
+        return float(np.degrees(np.arccos(self.cos_theta)))
+
+
+def judge(
+    value: float, error: float, tolerance: float = TOLERANCE, *, least: float | None = None, settled: bool = True
+) -> Verdict:
+    """The verdict on a largest albedo `value` +- `error`; NaN is UNDECIDED.
+
+    `least`: what the albedo is at least, where that is known better than by the error bar, which may hold places that are not
+    resolved. A search that has not `settled` never conserves.
+    """
+    surely = value - error if least is None else least
+    if surely > 1 + tolerance or value == np.inf:
+        return Verdict.VIOLATES
+    return Verdict.CONSERVES if settled and value + error <= 1 + tolerance else Verdict.UNDECIDED

@@ -1,0 +1,133 @@
+"""A report in words: the pieces of which lines, tables, messages and ``str(report)`` are made. ASCII only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from brdfcheck.messages import one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.verdict.report import Report
+
+
+def exact(value: float) -> str:
+    """A number as short as it can be said, 1e-9 rather than 1e-09."""
+    mantissa, letter, exponent = f"{value:.6g}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if letter else mantissa
+
+
+def albedo_text(report: Report, plus_minus: str = "+-") -> str:
+    """The largest albedo and its error bar, with the digits that the error bar leaves (at most ten)."""
+    if math.isnan(report.cos_theta):
+        return "unknown"
+    if math.isnan(report.albedo):
+        return "not a number"
+    if not math.isfinite(report.albedo):
+        return f"grows without bound {report.unbounded}" if report.unbounded else "infinite"
+    most = 10 if report.tolerance >= 1e-10 else 16
+    digits = most
+    if report.error > 0 and math.isfinite(report.error):
+        digits = min(max(2 - math.ceil(math.log10(report.error)), 2), most)
+    value = f"{report.albedo:.{digits}f}" if abs(report.albedo) < 1e6 else f"{report.albedo:.10g}"
+    return f"{value} {plus_minus} {report.error:.2g}"
+
+
+def place_text(report: Report, degree: str = " deg") -> str:
+    """Where the albedo is largest: the parameters, the angle of incidence, and the azimuth where it matters."""
+    if math.isnan(report.cos_theta):
+        return ""
+    return " ".join(filter(None, (parameters_text(report), angles_text(report, degree))))
+
+
+def parameters_text(report: Report) -> str:
+    """The parameters where the albedo is largest, and the channel where there are several."""
+    parts = [f"{name}={value:.6g}" for name, value in report.parameters.items()]
+    if report.channel is not None:
+        parts.append(f"channel={channel_text(report.channel, report.channels)}")
+    return " ".join(parts)
+
+
+def channel_text(channel: int, count: int) -> str:
+    """A channel by the name it has where there are three of them, else by its number."""
+    return ("red", "green", "blue")[channel] if count == 3 else str(channel)
+
+
+def angles_text(report: Report, degree: str) -> str:
+    """The angle of incidence, and the azimuth where it matters."""
+    parts = [f"angle={report.angle:.5g}{degree}"]
+    if report.anisotropic:
+        parts.append(f"azimuth={math.degrees(report.azimuth):.5g}{degree}")
+    return " ".join(parts)
+
+
+def ranges_text(ranges: Any) -> str:
+    """The box of parameters, as ``--over`` takes it."""
+    return " ".join(f"{name}={low:g}" if low == high else f"{name}={low:g}:{high:g}" for name, (low, high) in ranges.items())
+
+
+def interval_text(report: Report) -> str:
+    """The parameters for which some angle exceeds 1, or nothing."""
+    swept = [name for name, (low, high) in report.ranges.items() if low < high]
+    if not report.above or len(swept) != 1:
+        return ""
+    return f"{swept[0]}=" + ", ".join(f"{low:.6g}..{high:.6g}" for low, high in report.above)
+
+
+def count_text(evaluations: int) -> str:
+    """A count in three digits: 780k, 1.2M."""
+    for unit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if evaluations >= unit:
+            return f"{evaluations / unit:.3g}{letter}"
+    return str(evaluations)
+
+
+def plural(count: int, singular: str, many: str) -> str:
+    """``1 violates``, ``2 violate``."""
+    return f"{count} {singular if count == 1 else many}"
+
+
+def message(report: Report) -> str:
+    """In one line what was found out, for annotations and test reports."""
+    text = f"{report.verdict.name}: albedo {albedo_text(report)}"
+    if place_text(report):
+        text += f" at {place_text(report)}"
+    interval = interval_text(report)
+    if interval:
+        text += f"; exceeds 1 for {interval}"
+    text += f" (tolerance {exact(report.tolerance)})"
+    return "; ".join((text, *map(one_line, report.findings)))
+
+
+def basis_text(report: Report) -> str:
+    """What the answer rests on, in one line."""
+    if report.basis == "none":
+        return "nothing could be evaluated"
+    looked = f"{count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
+    if not report.settled:
+        looked += ", not settled"
+    if report.basis == "theorem":
+        looked = (
+            f"theorem (normal incidence is the worst angle); {looked}"
+            if len(report.ranges)
+            else "theorem (normal incidence is the worst angle)"
+        )
+    else:
+        looked = f"search: {looked}"
+    missed = width_text(report.width)
+    return f"{looked}; could have missed a violation {missed}" if missed else looked
+
+
+def width_text(width: Mapping[str, float]) -> str:
+    """The widest region that a search may have missed."""
+    units = {"angle": " deg of the angle", "azimuth": " deg of the azimuth"}
+    parts = [
+        f"{value:.2g}{units[name]}" if name in units else f"{100 * value:.2g} % of the range of {name}"
+        for name, value in width.items()
+        if name != "cell"
+    ]
+    if not parts:
+        return ""
+    several = f", or than {100 * width['cell']:.2g} % of every range at once" if "cell" in width else ""
+    return f"narrower than {' or '.join(parts)}{several}"
