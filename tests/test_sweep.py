@@ -911,6 +911,57 @@ def test_the_last_line_says_how_it_went(tmp_path, capsys):
     assert "left" in captured.err
 
 
+HALF = """
+import jax.numpy as jnp
+
+def fails_above(wi, wo, n, limit):
+    return jnp.where(n > limit, jnp.nan, 0.25 / jnp.pi) + 0 * wo[..., 2]
+
+def no_grazing(wi, wo):
+    value = jnp.where(wi[..., 2] < 0.3, jnp.nan, 0.25 / jnp.pi) + 0 * wo[..., 2]
+    return jnp.stack([value, value], axis=-1)
+"""
+
+
+@pytest.mark.parametrize(
+    ("limit", "code", "line"),
+    [
+        (0, cli.ExitCode.FAILED, "all 15 albedos are not a number; 3 of 3 chunks computed in "),
+        (2, cli.ExitCode.PASSED, "9 of 15 albedos are not a number"),
+        (4, cli.ExitCode.PASSED, "3 of 15 albedos are not a number"),
+        (5, cli.ExitCode.PASSED, "complete; 3 of 3 chunks computed in "),
+    ],
+)
+def test_albedos_that_are_not_a_number_are_said(limit, code, line, tmp_path, capsys):
+    """At the first run and where they are there already; a chunk that hangs over the end has no more of them."""
+    (tmp_path / "mine.py").write_text(HALF)
+    axes = f"[axes]\nn = [1, 2, 3, 4, 5]\ncos_theta = [0.2, 0.5, 1.0]\nlimit = {limit}\n[chunks]\nn = 2\ncos_theta = 3\n"
+    config, out = toml(tmp_path / "c.toml", f'brdf = "mine.py:fails_above"\n{axes}'), tmp_path / "s"
+    for again in (False, True):
+        assert cli.run(["sweep", str(config), "--out", str(out)]) == code
+        lines = capsys.readouterr().out.splitlines()
+        expected = line.replace("3 of 3 chunks", "0 of 3 chunks") if again else line
+        assert any(text.startswith(f"{out}: {expected}") for text in lines), lines
+        assert any("complete" in text for text in lines) == (code == 0)
+        assert any("not a number" in text for text in lines) == ("not a number" in line)
+
+
+def test_albedos_of_a_single_cell_that_is_no_number(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(HALF)
+    config = toml(tmp_path / "c.toml", 'brdf = "mine.py:fails_above"\n[axes]\nn = 2\nlimit = 1\ncos_theta = 1\n')
+    assert cli.run(["sweep", str(config), "--out", str(tmp_path / "s")]) == cli.ExitCode.FAILED
+    assert "s: the only albedo is not a number; 1 of 1 chunks computed" in capsys.readouterr().out
+
+
+def test_albedos_of_channels_are_counted_one_by_one(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(HALF)
+    text = 'brdf = "mine.py:no_grazing"\n[axes]\ncos_theta = [0.2, 0.5, 1.0]\n[chunks]\ncos_theta = 2\n'
+    config = toml(tmp_path / "c.toml", text)
+    for _ in range(2):
+        assert cli.run(["sweep", str(config), "--out", str(tmp_path / "s")]) == 0
+        assert "s: 2 of 6 albedos are not a number" in capsys.readouterr().out
+
+
 def test_a_terminal_gets_a_bar_with_rate_and_time_left(tmp_path):
     pty = pytest.importorskip("pty")
     config = toml(tmp_path / "c.toml", KILLED)

@@ -68,9 +68,10 @@ _CONVENTION = (
 class Store:
     """The store of `plan` in `folder`. Use as a context manager: one process at a time may write.
 
-    `done`: the numbers of the chunks that are there, each verified by its checksum. UsageError for a folder that is
-    something else, belongs to other settings or versions, cannot be written, or is in use; SweepError where the store is
-    damaged (`repair` makes what is damaged be written again) or the disk is full.
+    `done`: the numbers of the chunks that are there, each verified by its checksum; `not_a_number` and `infinite`: how many
+    of their albedos are. UsageError for a folder that is something else, belongs to other settings or versions, cannot be
+    written, or is in use; SweepError where the store is damaged (`repair` makes what is damaged be written again) or the
+    disk is full.
     """
 
     def __init__(self, folder: str | os.PathLike[str], plan: Plan, *, repair: bool = False):
@@ -79,6 +80,8 @@ class Store:
         self.repair = repair
         self.done: set[int] = set()
         self.repaired = 0
+        self.not_a_number = 0
+        self.infinite = 0
         self._memory = MemoryStore()
         self._arrays: dict[str, Any] = {}
         self._locked: int | None = None
@@ -395,12 +398,12 @@ class Store:
         return attributes
 
     def _verified(self, chunk: Chunk) -> bool:
-        """True where a chunk is there as a whole. SweepError where it once was, but for a repair."""
+        """True where a chunk is there as a whole, and is counted. SweepError where it once was, but for a repair."""
         marker = self.folder / self._key("checksum", chunk)
         if not marker.is_file():
             return False
         sums = np.frombuffer(marker.read_bytes(), "<u4") if marker.stat().st_size == 4 * len(_RESULTS) else None
-        trouble = None
+        trouble, files = None, {}
         if sums is None:
             trouble = self._key("checksum", chunk), "is damaged"
         else:
@@ -408,18 +411,25 @@ class Store:
                 path = self.folder / self._key(name, chunk)
                 if not path.is_file():
                     trouble = self._key(name, chunk), "is missing"
-                elif zlib.crc32(path.read_bytes()) != expected:
+                elif zlib.crc32(files.setdefault(name, path.read_bytes())) != expected:
                     trouble = self._key(name, chunk), "is damaged"
                 if trouble:
                     break
             if trouble is None:
                 trouble = self._mistimed(chunk)
         if trouble is None:
+            trailing = () if self.plan.channels is None else (self.plan.channels,)
+            albedo = np.frombuffer(files["albedo"], "<f8").reshape(self.plan.chunk_shape + trailing)
+            self._count(albedo[tuple(slice(size) for size in chunk.shape)])  # what hangs over the end is filled up with NaN
             return True
         if not self.repair:
             raise self._damaged(*trouble)
         self.repaired += 1
         return False
+
+    def _count(self, albedo: np.ndarray) -> None:
+        self.not_a_number += int(np.isnan(albedo).sum())
+        self.infinite += int(np.isinf(albedo).sum())
 
     def _mistimed(self, chunk: Chunk) -> tuple[str, str] | None:
         """What is wrong with the time of a chunk. A checksum of it would make the checksums a measurement too."""
@@ -466,6 +476,7 @@ class Store:
             _write(self.folder / self._key("checksum", chunk), marker)
         except OSError as error:
             raise SweepError(f"cannot write to {self.folder}: {error.strerror or error}; run again to continue") from None
+        self._count(result.albedo)
         self.done.add(result.index)
 
     def _encoded(self, name: str, chunk: Chunk, place: tuple[slice, ...], values: np.ndarray) -> bytes:
