@@ -332,6 +332,207 @@ def test_an_empty_folder_will_do(tmp_path):
     assert sweep(SMALL, tmp_path / "s").albedo.notnull().all()
 
 
+def test_a_folder_in_a_missing_folder_is_not_made(tmp_path, capsys):
+    config = toml(tmp_path / "c.toml", KILLED)
+    for dry in ([], ["--dry-run"]):
+        code = cli.run(["sweep", str(config), "--out", str(tmp_path / "deep" / "er" / "s"), *dry])
+        assert code == cli.ExitCode.USAGE_ERROR
+        complaint = capsys.readouterr().err.splitlines()[-1]
+        assert complaint.endswith(f"er/s': the folder {tmp_path / 'deep' / 'er'} does not exist")
+    assert os.listdir(tmp_path) == ["c.toml"]
+
+
+# --- what is not ours ---
+
+THESIS = {
+    "names of a store": {
+        "albedo/figure1.txt": "my thesis", "error/notes.txt": "my notes", "film.mkv.partial": "half a download",
+    },
+    "all arrays of a store": {
+        f"{name}/c/0": "mine" for name in ("albedo", "error", "evaluations", "seconds", "checksum")
+    },
+    "an array that looks like ours": {"checksum/zarr.json": '{"checksum": "CRC-32"}', "zarr.json.txt": ""},
+    "temporary names": {".zarr.json.partial": "a", ".zarr.json.unfinished.partial": "b", ".brdfcheck-trial": "c"},
+    "the first temporary name": {".zarr.json.unfinished.partial": "not what a sweep begins with"},
+    "the name of an unfinished store": {"zarr.json.unfinished": "not JSON"},
+    "metadata that is none": {"zarr.json": "my notes on Zarr"},
+    "metadata of nothing": {"zarr.json": "", "albedo/figure1.txt": "my thesis"},
+    "a folder of that name": {"zarr.json/notes.txt": "my notes on Zarr"},
+    "an empty folder": {"albedo": None},
+}  # fmt: skip
+
+
+def everything(folder: Path) -> dict[str, bytes | None]:
+    """All files with their contents, and all folders."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("how", [[], ["--repair"], ["--dry-run"]], ids=["run", "repair", "dry run"])
+@pytest.mark.parametrize("files", THESIS.values(), ids=THESIS)
+def test_a_folder_with_files_of_the_users_is_refused_as_it_is(files, how, tmp_path, capsys):
+    config, out = toml(tmp_path / "c.toml", KILLED.replace("240", "4")), tmp_path / "results"
+    for name, text in files.items():
+        if text is None:
+            (out / name).mkdir(parents=True)
+            continue
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text(text)
+    before = everything(out)
+    code = cli.run(["sweep", str(config), "--out", str(out), *how])
+    assert everything(out) == before
+    assert code == cli.ExitCode.USAGE_ERROR
+    complaint = capsys.readouterr().err.splitlines()[-1]
+    assert complaint == f"brdfcheck: --out: {out} is not empty and holds no sweep: give another folder"
+
+
+@pytest.fixture
+def unfinished(tmp_path, monkeypatch):
+    """A store whose creation was interrupted in the middle of its eighth file."""
+    write, left = store._write, 7
+
+    def dies(path: Path, data: bytes) -> None:
+        nonlocal left
+        if left == 0:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.with_name(f".{path.name}.partial").write_bytes(data[: len(data) // 2])
+            raise _Killed
+        left -= 1
+        write(path, data)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(store, "_write", dies)
+        with pytest.raises(_Killed):
+            sweep(SMALL, tmp_path / "s")
+    assert (tmp_path / "s" / "n" / ".zarr.json.partial").exists()
+    return tmp_path / "s"
+
+
+@pytest.mark.parametrize("repair", [False, True])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("notes.txt", "mine"),
+        ("rule/figure1.txt", "mine"),
+        ("albedo/figure1.txt", "mine"),
+        ("albedo/c/0/1", "mine"),
+        ("n/.zarr.json.partial", "mine"),
+        ("n/c/.0.partial", "mine"),
+        ("rule/.zarr.json.partial", "{"),
+        ("rule/zarr.json", "mine"),
+        ("rule/zarr.json", ""),
+        (".zarr.json.partial", "mine"),
+        ("zarr.json.unfinished", "mine"),
+        ("photos", None),
+    ],
+)
+def test_an_unfinished_store_with_files_of_the_users_is_refused_as_it_is(name, text, repair, unfinished):
+    if text is None:
+        (unfinished / name).mkdir()
+    else:
+        (unfinished / name).parent.mkdir(parents=True, exist_ok=True)
+        (unfinished / name).write_text(text)
+    before = everything(unfinished)
+    for attempt in (
+        lambda: sweep(SMALL, unfinished, repair=repair),
+        lambda: runner.estimate(Plan(parse(SMALL)), unfinished),
+    ):
+        with pytest.raises(UsageError, match="is not empty and holds no sweep: give another folder"):
+            attempt()
+        assert everything(unfinished) == before
+
+
+def test_an_unfinished_store_does_not_reach_through_links(unfinished, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (unfinished / "albedo").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UsageError, match="is not empty and holds no sweep"):
+        sweep(SMALL, unfinished)
+    assert os.listdir(tmp_path / "elsewhere") == []
+
+
+def test_an_unfinished_store_of_another_configuration_is_refused_with_the_difference(unfinished):
+    before = everything(unfinished)
+    with pytest.raises(UsageError, match=r"made by another configuration: brdf: the store has phong, here it is blinn-phong"):
+        sweep({**SMALL, "brdf": "blinn-phong"}, unfinished)
+    assert everything(unfinished) == before
+
+
+def test_an_unfinished_store_keeps_the_commit_of_its_first_run(unfinished, monkeypatch):
+    first = json.loads((unfinished / "zarr.json.unfinished").read_text())["attributes"]["source_commit"]
+    monkeypatch.setattr(store.provenance, "source_commit", lambda: "another commit")
+    assert sweep(SMALL, unfinished).source_commit == first
+
+
+def test_killed_between_the_last_file_and_its_name(tmp_path, monkeypatch):
+    sweep(SMALL, tmp_path / "whole")
+    replace = os.replace
+
+    def dies(source: Path, target: Path) -> None:
+        if target == tmp_path / "s" / "zarr.json":
+            raise _Killed
+        replace(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(store.os, "replace", dies)
+        with pytest.raises(_Killed):
+            sweep(SMALL, tmp_path / "s")
+    assert not (tmp_path / "s" / "zarr.json").exists()
+    sweep(SMALL, tmp_path / "s")
+    assert contents(tmp_path / "s") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("share", [0, 0.01, 0.3, 1])
+def test_killed_in_the_first_file_of_any_sweep(share, tmp_path):
+    """Nothing is there yet but the beginning of what all sweeps begin with."""
+    sweep(SMALL, tmp_path / "whole")
+    sweep({**SMALL, "brdf": "blinn-phong"}, tmp_path / "other")
+    data = (tmp_path / "other" / "zarr.json").read_bytes()
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / ".zarr.json.unfinished.partial").write_bytes(data[: int(share * len(data))])
+    sweep(SMALL, tmp_path / "s")
+    assert contents(tmp_path / "s") == contents(tmp_path / "whole")
+
+
+def test_files_of_the_users_in_a_store_stay(tmp_path):
+    """Also where they have the very names that files have while they are written."""
+    out = tmp_path / "s"
+    sweep(SMALL, out)
+    (out / "checksum/c/0/1/0").unlink()
+    mine = {
+        ".film.mkv.partial": b"half a download", "albedo/.figure1.partial": b"my thesis", ".brdfcheck-trial": b"mine",
+        "albedo/c/0/.1.partial": b"mine", "seconds/c/0/.1.partial": b"my notes", "checksum/c/0/1/.0.partial": b"mine",
+        "n/c/.0.partial": b"mine", "notes.txt": b"mine",
+    }  # fmt: skip
+    for name, data in mine.items():
+        (out / name).write_bytes(data)
+    before = contents(out)
+    sweep(SMALL, out)
+    after = contents(out, seconds=True)
+    assert mine.items() <= after.items()
+    assert set(after) - {name for name in after if name.startswith("seconds/c")} == {*before, "checksum/c/0/1/0"}
+    (out / "n/c/0").write_bytes(b"damaged")
+    (out / "albedo/c/0/1").write_bytes(b"damaged")
+    sweep(SMALL, out, repair=True)
+    mended = contents(out, seconds=True)
+    assert set(mended) == set(after)
+    assert {name: data for name, data in mended.items() if not name.startswith("seconds/c/0/")} == {
+        name: data for name, data in after.items() if not name.startswith("seconds/c/0/")
+    }
+    assert mine.items() <= mended.items()
+
+
+def test_what_a_killed_process_leaves_of_a_chunk_is_gone_at_the_end(tmp_path):
+    out = tmp_path / "s"
+    sweep(SMALL, out)
+    before = set(contents(out, seconds=True))
+    (out / "checksum/c/0/1/0").unlink()
+    (out / "albedo/c/0/.1.partial").write_bytes((out / "albedo/c/0/1").read_bytes()[:50])
+    (out / "error/c/0/.1.partial").write_bytes(b"")
+    (out / "evaluations/c/0/.1.partial").write_bytes((out / "evaluations/c/0/1").read_bytes())
+    (out / "seconds/c/0/.1.partial").write_bytes(np.float64(0.0123).tobytes())
+    sweep(SMALL, out)
+    assert set(contents(out, seconds=True)) == before
+
+
 DAMAGE = {
     "truncated": lambda path: path.write_bytes(path.read_bytes()[:-5]),
     "flipped": lambda path: path.write_bytes(bytes([path.read_bytes()[0] ^ 1]) + path.read_bytes()[1:]),
@@ -541,6 +742,8 @@ def test_a_full_disk_loses_nothing(code, room, tmp_path, monkeypatch, one_comput
     monkeypatch.undo()
     assert cli.run(["sweep", str(config), "--out", str(tmp_path / "s")]) == 0
     assert cli.run(["sweep", str(config), "--out", str(tmp_path / "whole")]) == 0
+    if "zarr.json.unfinished" in before:  # what makes a folder a store gets its name last
+        before["zarr.json"] = before.pop("zarr.json.unfinished")
     assert before.items() <= contents(tmp_path / "s", seconds=True).items()
     assert differing(tmp_path / "s", tmp_path / "whole") == []
 
@@ -706,6 +909,57 @@ def test_the_last_line_says_how_it_went(tmp_path, capsys):
     assert "cells/s" in captured.out
     assert "4 of 4 chunks, " in captured.err
     assert "left" in captured.err
+
+
+HALF = """
+import jax.numpy as jnp
+
+def fails_above(wi, wo, n, limit):
+    return jnp.where(n > limit, jnp.nan, 0.25 / jnp.pi) + 0 * wo[..., 2]
+
+def no_grazing(wi, wo):
+    value = jnp.where(wi[..., 2] < 0.3, jnp.nan, 0.25 / jnp.pi) + 0 * wo[..., 2]
+    return jnp.stack([value, value], axis=-1)
+"""
+
+
+@pytest.mark.parametrize(
+    ("limit", "code", "line"),
+    [
+        (0, cli.ExitCode.FAILED, "all 15 albedos are not a number; 3 of 3 chunks computed in "),
+        (2, cli.ExitCode.PASSED, "9 of 15 albedos are not a number"),
+        (4, cli.ExitCode.PASSED, "3 of 15 albedos are not a number"),
+        (5, cli.ExitCode.PASSED, "complete; 3 of 3 chunks computed in "),
+    ],
+)
+def test_albedos_that_are_not_a_number_are_said(limit, code, line, tmp_path, capsys):
+    """At the first run and where they are there already; a chunk that hangs over the end has no more of them."""
+    (tmp_path / "mine.py").write_text(HALF)
+    axes = f"[axes]\nn = [1, 2, 3, 4, 5]\ncos_theta = [0.2, 0.5, 1.0]\nlimit = {limit}\n[chunks]\nn = 2\ncos_theta = 3\n"
+    config, out = toml(tmp_path / "c.toml", f'brdf = "mine.py:fails_above"\n{axes}'), tmp_path / "s"
+    for again in (False, True):
+        assert cli.run(["sweep", str(config), "--out", str(out)]) == code
+        lines = capsys.readouterr().out.splitlines()
+        expected = line.replace("3 of 3 chunks", "0 of 3 chunks") if again else line
+        assert any(text.startswith(f"{out}: {expected}") for text in lines), lines
+        assert any("complete" in text for text in lines) == (code == 0)
+        assert any("not a number" in text for text in lines) == ("not a number" in line)
+
+
+def test_albedos_of_a_single_cell_that_is_no_number(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(HALF)
+    config = toml(tmp_path / "c.toml", 'brdf = "mine.py:fails_above"\n[axes]\nn = 2\nlimit = 1\ncos_theta = 1\n')
+    assert cli.run(["sweep", str(config), "--out", str(tmp_path / "s")]) == cli.ExitCode.FAILED
+    assert "s: the only albedo is not a number; 1 of 1 chunks computed" in capsys.readouterr().out
+
+
+def test_albedos_of_channels_are_counted_one_by_one(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(HALF)
+    text = 'brdf = "mine.py:no_grazing"\n[axes]\ncos_theta = [0.2, 0.5, 1.0]\n[chunks]\ncos_theta = 2\n'
+    config = toml(tmp_path / "c.toml", text)
+    for _ in range(2):
+        assert cli.run(["sweep", str(config), "--out", str(tmp_path / "s")]) == 0
+        assert "s: 2 of 6 albedos are not a number" in capsys.readouterr().out
 
 
 def test_a_terminal_gets_a_bar_with_rate_and_time_left(tmp_path):

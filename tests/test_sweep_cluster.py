@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import shutil
 import signal
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from brdfcheck import cli
+from brdfcheck.messages import UsageError
 from brdfcheck.sweep import cluster
 
 pytest.importorskip("distributed")
@@ -181,6 +183,23 @@ def test_without_dask_it_says_what_to_install(tmp_path, monkeypatch, capsys):
     assert "pip install 'brdfcheck[cluster]'" in capsys.readouterr().err
 
 
+def test_no_logger_of_dask_has_a_level_of_its_own(scheduler, tmp_path, monkeypatch):
+    """Some have from the start, and a configuration may give one to any."""
+    loggers = [
+        logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.comm", "tornado.application")
+    ]
+    levels = [logger.level for logger in loggers]
+    try:
+        loggers[2].setLevel(logging.DEBUG)
+        monkeypatch.setattr(cluster, "_FIRST_WORKER", 0.1)
+        with pytest.raises(UsageError, match="has no workers"):
+            cluster.Cluster(scheduler)
+        assert [logger.getEffectiveLevel() for logger in loggers] == [logging.CRITICAL] * 4
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
 def test_a_lost_cluster_keeps_what_was_computed(workers, tmp_path, scheduler):
     config, out = tmp_path / "c.toml", tmp_path / "s"
     config.write_text(SWEEP)
@@ -197,7 +216,10 @@ def test_a_lost_cluster_keeps_what_was_computed(workers, tmp_path, scheduler):
             boss.kill()
             _, stderr = running.communicate(timeout=100)
             assert running.returncode == cli.ExitCode.INTERNAL_ERROR, stderr
-            assert "run again to continue" in stderr.splitlines()[-1]
+            *others, last = stderr.splitlines()
+            assert last.startswith("brdfcheck: lost the scheduler at ")
+            assert last.endswith("run again to continue")
+            assert not [line for line in others if " of 160 chunks, " not in line]
         finally:
             worker.kill()
             worker.wait()

@@ -15,7 +15,7 @@ from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError
 
 if TYPE_CHECKING:
-    from brdfcheck.sweep import Plan, Progress
+    from brdfcheck.sweep import Plan, Progress, Summary
 
 # Without a terminal, a line so often (seconds).
 _EVERY = 10.0
@@ -44,7 +44,8 @@ A cluster is started with: dask scheduler; dask worker ADDRESS (extra "cluster")
 \b
 Exit codes:
   0  the store is complete          3  disk full, damaged store, lost cluster
-  2  interrupted                    4  usage error""",
+  1  no albedo in it is a number    4  usage error
+  2  interrupted""",
 )
 def _sweep(
     config: Annotated[str, typer.Argument(metavar="CONFIG.toml", help="What to sweep over; see below.")],
@@ -103,12 +104,29 @@ def _run(config: str, out: str | None, scheduler: str | None, *, dry_run: bool, 
             raise
     rate = f", {summary.cells / summary.seconds:.3g} cells/s" if summary.cells else ""
     before = f", {summary.found} were there" if summary.found else ""
+    numbers = plan.cells * (plan.channels or 1)
+    faults = _faults(numbers, summary)
+    without = summary.not_a_number + summary.infinite == numbers
     output.line(
-        f"{out}: complete; {summary.computed} of {plan.chunks} chunks computed in {_time(summary.seconds)}{rate}{before}"
+        f"{out}: {faults if without else 'complete'};"
+        f" {summary.computed} of {plan.chunks} chunks computed in {_time(summary.seconds)}{rate}{before}"
     )
     if summary.repaired:
         output.line(f"repaired  {summary.repaired} damaged or missing parts")
-    return ExitCode.PASSED
+    if faults and not without:
+        output.line(f"{out}: {faults}")
+    return ExitCode.FAILED if without else ExitCode.PASSED
+
+
+def _faults(numbers: int, summary: Summary) -> str:
+    """In words, how many of so many albedos are no finite numbers; nothing where all are."""
+    found = []
+    for count, what in ((summary.not_a_number, "not a number"), (summary.infinite, "infinite")):
+        if count == numbers:
+            found.append(f"all {numbers} albedos are {what}" if numbers > 1 else f"the only albedo is {what}")
+        elif count:
+            found.append(f"{count} of {numbers} albedos {'is' if count == 1 else 'are'} {what}")
+    return ", ".join(found)
 
 
 def _description(plan: Plan) -> Iterator[str]:

@@ -106,8 +106,7 @@ class Cluster:
             import distributed
         except ImportError:
             raise UsageError(_INSTALL) from None
-        for name in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what it has to say is said here, in one line
+        _silence("distributed", "tornado", "asyncio")
         self.address = address
         self._client = _connected(distributed, address)
         try:
@@ -152,6 +151,16 @@ class Cluster:
             assert [result.index for result in results] == batch
             future.release()
             yield from results
+
+
+def _silence(*packages: str) -> None:
+    """No log of these packages below CRITICAL: what they have to say is said here, in one line.
+
+    Dask gives some of their loggers a level of their own, such as distributed.client; its configuration may do so with any.
+    """
+    for name in (*packages, *logging.root.manager.loggerDict):
+        if name.partition(".")[0] in packages:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _connected(distributed: Any, address: str) -> Any:

@@ -37,7 +37,8 @@ class Progress:
 class Summary:
     """What a run did: chunks and cells computed by it and found by it, files repaired, seconds; `compiling` is part of it.
 
-    On a cluster `compiling` is 0: the workers keep no count.
+    On a cluster `compiling` is 0: the workers keep no count. `not_a_number` and `infinite`: how many albedos of the whole
+    store are.
     """
 
     computed: int
@@ -46,6 +47,8 @@ class Summary:
     repaired: int
     seconds: float
     compiling: float
+    not_a_number: int
+    infinite: int
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,16 @@ def fill(
                 say()
         seconds = time.perf_counter() - began
         compiling = computer.compiling if computer is not None else 0.0
-        return Summary(plan.chunks - found, found, cells - cells_found, store.repaired, seconds, compiling)
+        return Summary(
+            computed=plan.chunks - found,
+            found=found,
+            cells=cells - cells_found,
+            repaired=store.repaired,
+            seconds=seconds,
+            compiling=compiling,
+            not_a_number=store.not_a_number,
+            infinite=store.infinite,
+        )
 
 
 def run_sweep(

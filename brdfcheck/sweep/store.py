@@ -4,6 +4,11 @@ Every file is written under another name and renamed, so it is there as a whole 
 evaluations and seconds, and last its entry in `checksum`, the CRC-32 of the results' files: it counts as computed only once
 that is in place. A killed process leaves at most files without a checksum, which are written again.
 
+What a folder is, is told by what is in its files, never by their names alone. The first file of a new store is its root
+metadata under another name, and renaming it is the last step of creation. A folder in between belongs to this program only
+where every file in it holds what this plan puts there, or the beginning of that; otherwise it is refused as it is. Of files
+under temporary names, only such beginnings are written over.
+
 The bytes follow from the configuration, versions and kind of device, but for two things: the files below ``seconds/c``, which
 are measurements, and the commit noted in the attributes, which is that of the first run.
 """
@@ -12,10 +17,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import itertools
 import json
 import math
 import os
-import shutil
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
@@ -35,7 +40,9 @@ from brdfcheck.sweep.plan import Chunk, Plan
 FORMAT = 1
 _MARK = "brdfcheck_sweep"
 _RESULTS = ("albedo", "error", "evaluations")
-_PARTIAL = ".partial"
+# The file that makes a folder a store, and its name while the other files are being written.
+_ROOT, _UNFINISHED = "zarr.json", "zarr.json.unfinished"
+_CHECKSUM = "CRC-32 of the chunk's files, written last"
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 _LONG_NAMES = {
@@ -61,9 +68,10 @@ _CONVENTION = (
 class Store:
     """The store of `plan` in `folder`. Use as a context manager: one process at a time may write.
 
-    `done`: the numbers of the chunks that are there, each verified by its checksum. UsageError for a folder that is
-    something else, belongs to other settings or versions, cannot be written, or is in use; SweepError where the store is
-    damaged (`repair` makes what is damaged be written again) or the disk is full.
+    `done`: the numbers of the chunks that are there, each verified by its checksum; `not_a_number` and `infinite`: how many
+    of their albedos are. UsageError for a folder that is something else, belongs to other settings or versions, cannot be
+    written, or is in use; SweepError where the store is damaged (`repair` makes what is damaged be written again) or the
+    disk is full.
     """
 
     def __init__(self, folder: str | os.PathLike[str], plan: Plan, *, repair: bool = False):
@@ -72,6 +80,8 @@ class Store:
         self.repair = repair
         self.done: set[int] = set()
         self.repaired = 0
+        self.not_a_number = 0
+        self.infinite = 0
         self._memory = MemoryStore()
         self._arrays: dict[str, Any] = {}
         self._locked: int | None = None
@@ -89,32 +99,46 @@ class Store:
 
     def look(self) -> None:
         """Read what is there, without leaving a trace: for a dry run. Raises what opening would."""
-        if not self.folder.exists() or (self.folder.is_dir() and self._is_unfinished()):
-            return
+        self._refuse_place()
         with _reading(self.folder):
-            self._read()
+            if not os.path.lexists(self.folder):
+                return
+            if not self.folder.is_dir():
+                raise UsageError(f"--out: {self.folder} is not a folder; a store is a folder")
+            if not self._is_unfinished():
+                self._read()
 
     def _open(self) -> None:
+        self._refuse_place()
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(exist_ok=True)
         except FileExistsError:
             raise UsageError(f"--out: {self.folder} is a file; a store is a folder") from None
-        except (OSError, ValueError) as error:
+        except OSError as error:
             raise _unwritable(self.folder, error) from None
         self._lock()
-        if self._is_unfinished():
-            self._create()
-            return
         with _reading(self.folder):
-            for leftover in self.folder.rglob(f".*{_PARTIAL}"):
-                leftover.unlink(missing_ok=True)
-            self._read()
-        if len(self.done) < self.plan.chunks:
+            unfinished = self._is_unfinished()
+            if not unfinished:
+                self._read()
+        if not os.access(self.folder, os.W_OK) and len(self.done) < self.plan.chunks:
+            raise UsageError(f"--out: cannot write {str(self.folder)!r}: the folder is not writable")
+        if unfinished:
             try:
-                _write(self.folder / ".brdfcheck-trial", b"")
-                (self.folder / ".brdfcheck-trial").unlink()
-            except (OSError, SweepError) as error:
+                self._create()
+            except OSError as error:
                 raise _unwritable(self.folder, error) from None
+
+    def _refuse_place(self) -> None:
+        """UsageError where there can be no folder. One in a misspelt folder is not made, as no command makes a file there."""
+        try:
+            os.lstat(self.folder)
+        except FileNotFoundError:
+            parent = Path(os.path.realpath(self.folder)).parent
+            if not parent.exists():
+                raise UsageError(f"--out: cannot write {str(self.folder)!r}: the folder {parent} does not exist") from None
+        except (OSError, ValueError) as error:
+            raise _unwritable(self.folder, error) from None
 
     # --- one writer ---
 
@@ -139,32 +163,79 @@ class Store:
     # --- creating ---
 
     def _is_unfinished(self) -> bool:
-        """True for an empty folder, and for one whose creation was interrupted: zarr.json is its last file."""
-        with _reading(self.folder):
-            names = {entry.name for entry in self.folder.iterdir()}
-        known = {*_RESULTS, "seconds", "checksum"}
-        begun = any((self.folder / name / "c").exists() for name in known)
-        if "zarr.json" in names or (self.repair and begun):
+        """True for an empty folder, and for one in which the creation of this store was interrupted; False for a store.
+
+        UsageError for anything else.
+        """
+        if (self.folder / _ROOT).is_file():
             return False
-        ours = {key.split("/")[0] for key in self._files({})}
-        if not all(name in ours or name.endswith(_PARTIAL) for name in names):
-            if known <= names:
-                raise self._damaged("zarr.json", "is missing")
-            raise UsageError(f"--out: {self.folder} is not empty and holds no sweep: give another folder")
-        if begun:
-            raise self._damaged("zarr.json", "is missing")
+        begun = self.folder / _UNFINISHED
+        if begun.is_file():
+            attributes = self._compared(begun)
+            if attributes is None or not self._holds_only(self._new_files(attributes["source_commit"])):
+                raise self._no_sweep()
+            return True
+        if self._has_arrays():
+            if not self.repair:
+                raise self._damaged(_ROOT, "is missing")
+            return False
+        names = os.listdir(self.folder)
+        if names and not (names == [_partial(begun).name] and self._is_begun_root(_partial(begun))):
+            raise self._no_sweep()
         return True
 
+    def _no_sweep(self) -> UsageError:
+        return UsageError(f"--out: {self.folder} is not empty and holds no sweep: give another folder")
+
+    def _has_arrays(self) -> bool:
+        """True where the arrays of a sweep are there, of whatever plan."""
+        path = self.folder / "checksum" / "zarr.json"
+        return path.is_file() and _CHECKSUM.encode() in path.read_bytes()
+
+    def _holds_only(self, files: Mapping[str, bytes]) -> bool:
+        """True where each entry of the folder is one of these files, the beginning of one that is not there, or on the way."""
+        ways = {parent.as_posix() for key in files for parent in Path(key).parents}
+        beginnings = {_partial(Path(key)).as_posix(): key for key in files}
+        for place, folders, names in os.walk(self.folder):
+            where = Path(place).relative_to(self.folder)
+            if any((where / name).as_posix() not in ways or Path(place, name).is_symlink() for name in folders):
+                return False
+            for name in names:
+                key, path = (where / name).as_posix(), Path(place, name)
+                if key in files:
+                    known = _is_beginning(path, files[key]) and path.stat().st_size == len(files[key])
+                else:
+                    whole = beginnings.get(key)
+                    known = whole is not None and not (self.folder / whole).exists() and _is_beginning(path, files[whole])
+                if not known:
+                    return False
+        return True
+
+    def _is_begun_root(self, path: Path) -> bool:
+        """True for the beginning of the root metadata of any sweep: what comes before its settings is the same in all."""
+        head = self._new_files("")[_UNFINISHED].partition(b'"settings"')[0]
+        if not _is_regular(path):
+            return False
+        data = path.read_bytes()
+        return data.startswith(head) or head.startswith(data)
+
     def _create(self) -> None:
-        for entry in self.folder.iterdir():
-            with contextlib.suppress(OSError):
-                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-        attributes = self._attributes(provenance.source_commit())
-        try:
-            for key, data in self._files(attributes).items():
+        begun = self.folder / _UNFINISHED
+        if begun.exists():
+            commit = json.loads(begun.read_text(encoding="utf-8"))["attributes"]["source_commit"]
+        else:
+            commit = provenance.source_commit()
+            if os.path.lexists(_partial(begun)) and self._is_begun_root(_partial(begun)):
+                _partial(begun).unlink()
+        for key, data in self._new_files(commit).items():
+            if not (self.folder / key).exists():
                 _write(self.folder / key, data)
-        except OSError as error:
-            raise _unwritable(self.folder, error) from None
+        os.replace(begun, self.folder / _ROOT)
+
+    def _new_files(self, commit: str) -> dict[str, bytes]:
+        """The files of a store without chunks by their names during its creation, in the order in which they are written."""
+        files = self._files(self._attributes(commit))
+        return {_UNFINISHED: files.pop(_ROOT), **files}
 
     def _attributes(self, commit: str) -> dict[str, Any]:
         facts = provenance.facts()
@@ -180,7 +251,7 @@ class Store:
         }
 
     def _files(self, attributes: Mapping[str, Any]) -> dict[str, bytes]:
-        """Every file of a store without chunks, the one that makes it a store last."""
+        """Every file of a store without chunks."""
         memory = MemoryStore()
         group = zarr.create_group(memory, attributes=dict(attributes))
         plan = self.plan
@@ -227,7 +298,7 @@ class Store:
              "evaluations of the BRDF for one incidence"),
             ("seconds", "float64", plan.grid, ones, places, math.nan, "s", "wall time of a chunk on its device"),
             ("checksum", "uint32", (*plan.grid, len(_RESULTS)), (*ones, len(_RESULTS)), [*places, "stored_variable"], 0, "1",
-             "CRC-32 of the chunk's files, written last"),
+             _CHECKSUM),
         ):  # fmt: skip
             group.create_array(
                 name,
@@ -245,17 +316,18 @@ class Store:
             # All metadata in one file: xarray opens the store with one look. Zarr 3 reads it, but has not yet blessed it.
             warnings.filterwarnings("ignore", message="Consolidated metadata")
             zarr.consolidate_metadata(memory)
-        files = _contents(memory)
-        root = files.pop("zarr.json")
-        return {**files, "zarr.json": root}
+        return _contents(memory)
 
     # --- reading what is there ---
 
     def _read(self) -> None:
-        if not self.folder.is_dir():
-            raise UsageError(f"--out: {self.folder} is not a folder; a store is a folder")
-        attributes = self._compared()
+        root = self.folder / _ROOT
+        attributes = self._compared(root) if root.is_file() else None
         if attributes is None:
+            if root.is_file() and _MARK.encode() not in root.read_bytes() and not self._has_arrays():
+                raise self._no_sweep()
+            if not self.repair:
+                raise self._damaged(_ROOT, "is damaged")
             attributes = self._rebuilt()
         for key, data in self._files(self._attributes(attributes["source_commit"])).items():
             path = self.folder / key
@@ -291,22 +363,17 @@ class Store:
         attributes = self._attributes("unknown")
         for key, data in self._files(attributes).items():
             path = self.folder / key
-            if key != "zarr.json" and (path.read_bytes() if path.is_file() else None) != data:
-                raise self._damaged("zarr.json", f"is lost, and {key} is not that of this configuration", mend=False)
+            if key != _ROOT and (path.read_bytes() if path.is_file() else None) != data:
+                raise self._damaged(_ROOT, f"is lost, and {key} is not that of this configuration", mend=False)
         return attributes
 
-    def _compared(self) -> dict[str, Any] | None:
-        """The attributes of the store, None where they are lost and may be written again.
+    def _compared(self, root: Path) -> dict[str, Any] | None:
+        """The attributes in a file of root metadata, None where they cannot be read.
 
         UsageError where they are not those of this plan in this process.
         """
-        path = self.folder / "zarr.json"
-        if not path.exists():
-            if self.repair:
-                return None
-            raise self._damaged("zarr.json", "is missing")
         try:
-            attributes = json.loads(path.read_text(encoding="utf-8")).get("attributes", {})
+            attributes = json.loads(root.read_text(encoding="utf-8")).get("attributes", {})
             if _MARK not in attributes:
                 raise UsageError(f"--out: {self.folder} is a Zarr store, but not one of a sweep: give another folder")
             known = {name: json.loads(attributes[name]) for name in ("settings", "versions", "device")}
@@ -314,9 +381,7 @@ class Store:
             known["format"] = attributes[_MARK]
             assert isinstance(attributes["source_commit"], str)
         except (ValueError, KeyError, TypeError, AttributeError, AssertionError):
-            if self.repair:
-                return None
-            raise self._damaged("zarr.json", "is damaged") from None
+            return None
         own = {"settings": self.plan.document(), **provenance.facts(), "format": FORMAT}
         own = json.loads(json.dumps(own))
         differences = _differences(known["settings"], own["settings"], "")
@@ -333,12 +398,12 @@ class Store:
         return attributes
 
     def _verified(self, chunk: Chunk) -> bool:
-        """True where a chunk is there as a whole. SweepError where it once was, but for a repair."""
+        """True where a chunk is there as a whole, and is counted. SweepError where it once was, but for a repair."""
         marker = self.folder / self._key("checksum", chunk)
         if not marker.is_file():
             return False
         sums = np.frombuffer(marker.read_bytes(), "<u4") if marker.stat().st_size == 4 * len(_RESULTS) else None
-        trouble = None
+        trouble, files = None, {}
         if sums is None:
             trouble = self._key("checksum", chunk), "is damaged"
         else:
@@ -346,26 +411,32 @@ class Store:
                 path = self.folder / self._key(name, chunk)
                 if not path.is_file():
                     trouble = self._key(name, chunk), "is missing"
-                elif zlib.crc32(path.read_bytes()) != expected:
+                elif zlib.crc32(files.setdefault(name, path.read_bytes())) != expected:
                     trouble = self._key(name, chunk), "is damaged"
                 if trouble:
                     break
             if trouble is None:
                 trouble = self._mistimed(chunk)
         if trouble is None:
+            trailing = () if self.plan.channels is None else (self.plan.channels,)
+            albedo = np.frombuffer(files["albedo"], "<f8").reshape(self.plan.chunk_shape + trailing)
+            self._count(albedo[tuple(slice(size) for size in chunk.shape)])  # what hangs over the end is filled up with NaN
             return True
         if not self.repair:
             raise self._damaged(*trouble)
         self.repaired += 1
         return False
 
+    def _count(self, albedo: np.ndarray) -> None:
+        self.not_a_number += int(np.isnan(albedo).sum())
+        self.infinite += int(np.isinf(albedo).sum())
+
     def _mistimed(self, chunk: Chunk) -> tuple[str, str] | None:
         """What is wrong with the time of a chunk. A checksum of it would make the checksums a measurement too."""
         path = self.folder / self._key("seconds", chunk)
         if not path.is_file():
             return self._key("seconds", chunk), "is missing"
-        data = path.read_bytes()
-        if len(data) != 8 or not 0 <= np.frombuffer(data, "<f8")[0] < math.inf:
+        if not _is_time(path.read_bytes(), 0.0, math.inf):
             return self._key("seconds", chunk), "is damaged"
         return None
 
@@ -397,12 +468,15 @@ class Store:
                 sums.append(zlib.crc32(data))
                 _write(self.folder / self._key(name, chunk), data)
             seconds = np.reshape(result.seconds, (1,) * len(place))
-            _write(self.folder / self._key("seconds", chunk), self._encoded("seconds", chunk, place, seconds))
+            timed = self.folder / self._key("seconds", chunk)
+            _discard_time(_partial(timed))
+            _write(timed, self._encoded("seconds", chunk, place, seconds))
             total = np.array(sums, np.uint32).reshape((1,) * len(place) + (len(_RESULTS),))
             marker = self._encoded("checksum", chunk, (*place, slice(None)), total)
             _write(self.folder / self._key("checksum", chunk), marker)
         except OSError as error:
             raise SweepError(f"cannot write to {self.folder}: {error.strerror or error}; run again to continue") from None
+        self._count(result.albedo)
         self.done.add(result.index)
 
     def _encoded(self, name: str, chunk: Chunk, place: tuple[slice, ...], values: np.ndarray) -> bytes:
@@ -428,20 +502,53 @@ def _put(memory: MemoryStore, key: str, data: bytes) -> None:
     memory._store_dict[key] = default_buffer_prototype().buffer.from_bytes(data)
 
 
+def _partial(path: Path, number: int = 1) -> Path:
+    """The name under which a file is written."""
+    return path.with_name(f".{path.name}{'' if number == 1 else f'.{number}'}.partial")
+
+
+def _is_regular(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _is_beginning(path: Path, data: bytes) -> bool:
+    """True for a file that holds the beginning of `data`, or all of it: what a killed process leaves."""
+    return _is_regular(path) and path.stat().st_size <= len(data) and data.startswith(path.read_bytes())
+
+
+def _is_time(data: bytes, least: float, most: float) -> bool:
+    return len(data) == 8 and bool(least <= np.frombuffer(data, "<f8")[0] < most)
+
+
+def _discard_time(partial: Path) -> None:
+    """Remove what a killed process left of the time of a chunk: not what it will be now, but a time (1 ns to 4 months)."""
+    if _is_regular(partial) and partial.stat().st_size == 8 and _is_time(partial.read_bytes(), 1e-9, 1e7):
+        partial.unlink()
+
+
 def _write(path: Path, data: bytes) -> None:
     """The file as a whole or not at all. SweepError where the disk is full, OSError for other trouble."""
-    partial = path.with_name(f".{path.name}{_PARTIAL}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(partial, "wb") as stream:
-            stream.write(data)
-        os.replace(partial, path)
+        # What is at that name is ours where it holds the beginning of these data; otherwise it is somebody's and stays.
+        names = (_partial(path, number) for number in itertools.count(1))
+        partial = next(name for name in names if not os.path.lexists(name) or _is_beginning(name, data))
+        try:
+            with open(partial, "wb") as stream:
+                stream.write(data)
+            os.replace(partial, path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                partial.unlink(missing_ok=True)
+            raise
     except OSError as error:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
         if error.errno in _FULL:
-            raise SweepError(f"the disk is full: cannot write {path}; make room and run again to continue") from None
+            raise _full(path) from None
         raise
+
+
+def _full(path: Path) -> SweepError:
+    return SweepError(f"the disk is full: cannot write {path}; make room and run again to continue")
 
 
 @contextlib.contextmanager
@@ -453,8 +560,6 @@ def _reading(folder: Path) -> Iterator[None]:
 
 
 def _unwritable(folder: Path, error: Exception) -> UsageError:
-    if isinstance(error, SweepError):
-        raise error
     return UsageError(f"--out: cannot write {str(folder)!r}: {getattr(error, 'strerror', None) or one_line(error)}")
 
 
