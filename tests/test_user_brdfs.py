@@ -221,6 +221,39 @@ def test_a_scan_finds_the_largest_albedo_within_and_at_corners():
     assert found.evaluations > 256 * SCAN.COARSE[0] * SCAN.COARSE[1]
 
 
+def holed(scale):
+    """Lambert, but for a range of its parameter where it is infinite and one where it is not a number."""
+
+    def f(wi, wo):
+        value = jnp.where(abs(scale - 0.3) < 0.1, jnp.inf, jnp.where(abs(scale - 0.6) < 0.1, jnp.nan, scale))
+        return value / jnp.pi + 0 * wo[..., 0]
+
+    return f
+
+
+def test_a_scan_leaves_out_and_counts_what_is_not_finite():
+    found = SCAN.scan(SCAN.Rule(FAMILIES_MODULE.Subject(holed, {"scale": (0.0, 1.0)})), 256, rounds=2)
+    assert found.value == pytest.approx(1, abs=1e-6)
+    assert 60 < found.nonfinite < 150
+    assert CHECKS.faults(answer("VIOLATES", 1.0, 0.1), found, SimpleNamespace(at=lambda *place: (1.0, 0.0))) == [
+        f"{found.nonfinite} albedos by brute force were not finite"
+    ]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_albedos_are_finite_down_to_grazing_incidence(name):
+    """Where both directions are almost opposite: no cancellation, no 0/0."""
+    subject = FAMILIES[name]
+    rule = SCAN.Rule(subject)
+    rows = np.array([list(member.values()) for member in members(subject)])
+    for cosine in (SCAN.LEAST, 1e-7, 1e-5):
+        values = rule(rows, np.full(len(rows), cosine), np.full(len(rows), 2.69), SCAN.MEDIUM)
+        assert np.all(np.isfinite(values))
+        assert np.all(values >= 0)
+        if name in ("ashikhmin_shirley", "ward_bounded", "f82_metal", "thin_film", "eon"):
+            assert np.all(values <= 1 + 1e-3)  # of this rule
+
+
 def test_a_scan_tells_what_grows_without_bound():
     assert SCAN.scan(SCAN.Rule(FAMILIES["minnaert"]), 256, rounds=2).unbounded
 
@@ -233,7 +266,7 @@ def answer(verdict="CONSERVES", albedo=0.9, error=1e-9) -> dict[str, Any]:
 
 
 def found(value: float, unbounded=False) -> Any:
-    return SimpleNamespace(value=value, error=1e-6, parameters={}, cos_theta=0.25, unbounded=unbounded)
+    return SimpleNamespace(value=value, error=1e-6, parameters={}, cos_theta=0.25, unbounded=unbounded, nonfinite=0)
 
 
 def flags(given: dict[str, Any], seen: Any, there: float) -> list[str]:

@@ -66,7 +66,7 @@ def faults(answer: dict[str, Any], found: Any, rule: Any) -> list[str]:
     if found.unbounded:
         violates = answer["verdict"] == "VIOLATES"
         return [] if violates else [f"{answer['verdict']}, but the albedo grows without bound towards grazing incidence"]
-    told = []
+    told = [f"{found.nonfinite} albedos by brute force were not finite"] if found.nonfinite else []
     if not found.value - found.error <= value + error:
         told.append(f"a larger albedo was seen: {found.value:.10g} at cos {found.cos_theta:.4g}, {found.parameters}")
     there, width = rule.at(answer["parameters"], answer["cos_theta"], answer["azimuth"])

@@ -17,10 +17,10 @@ import numpy as np
 
 
 def _half(wi, wo):
-    """The half vector, and its cosine with both directions."""
+    """The half vector, and its cosine with both directions: half the length of their sum, without cancellation near grazing."""
     h = wi + wo
-    h = h / jnp.linalg.norm(h, axis=-1, keepdims=True)
-    return h, jnp.clip(jnp.sum(wi * h, axis=-1), 0, 1)
+    length = jnp.linalg.norm(h, axis=-1, keepdims=True)
+    return h / length, jnp.minimum(length[..., 0] / 2, 1)
 
 
 def _schlick(f0, cosine):

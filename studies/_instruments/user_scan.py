@@ -25,7 +25,7 @@ _KEPT, _STARTS = 128, 4  # points looked at more closely; places around which th
 class Found:
     """The largest albedo seen, with the difference of three rules as its error, and where.
 
-    `unbounded`: near grazing incidence, where it grows on towards a cosine of 0.
+    `unbounded`: near grazing incidence, where it grows on towards a cosine of 0. `nonfinite`: how many were left out.
     """
 
     value: float
@@ -34,6 +34,7 @@ class Found:
     cos_theta: float
     azimuth: float
     unbounded: bool
+    nonfinite: int
     points: int
     evaluations: int
 
@@ -142,10 +143,12 @@ def scan(rule: Rule, points: int, rounds: int = 12) -> Found:
 
     def ranked(unit: np.ndarray, order: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         found = rule(*places(unit), order)
-        found = np.where(np.isnan(found), -np.inf, found)
+        found = np.where(np.isfinite(found), found, -np.inf)
+        left_out.append(int(np.sum(np.isinf(found))))
         best = np.argsort(-found, kind="stable")[:_KEPT]
         return unit[best], found[best]
 
+    left_out: list[int] = []
     # Stretched, so that faces and corners of the box are looked at too.
     spread = np.clip(0.5 + 1.15 * (qmc.Sobol(size, scramble=False).random_base2(points.bit_length() - 1) - 0.5), 0, 1)
     best, _ = ranked(ranked(spread, COARSE)[0], MEDIUM)
@@ -169,4 +172,6 @@ def scan(rule: Rule, points: int, rounds: int = 12) -> Found:
     value, error = rule.at(parameters, float(cosine[0]), float(azimuth[0]))
     unbounded = cosine[0] < 100 * LEAST and value > 1.05 * rule.at(parameters, 1000 * LEAST, float(azimuth[0]))[0]
     seen = len(spread) + len(best) + len(starts) * rounds * len(cloud)
-    return Found(value, error, parameters, float(cosine[0]), float(azimuth[0]), bool(unbounded), seen, rule.evaluations)
+    return Found(
+        value, error, parameters, float(cosine[0]), float(azimuth[0]), bool(unbounded), sum(left_out), seen, rule.evaluations
+    )
