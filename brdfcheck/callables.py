@@ -122,7 +122,7 @@ class Evaluator:
 
     def _traced(self, count: int, middle: np.ndarray) -> Any:
         brdf = None if self.names else self._brdf(())
-        wi, wo = _sample(count)
+        wi, _ = _sample(count)
 
         def values(parameters: Any, wi: Any, wo: Any) -> Any:
             return (brdf or self._brdf(parameters))(wi, wo)

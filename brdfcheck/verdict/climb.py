@@ -116,7 +116,9 @@ def climb(
         curvature[which] = model.second
         state.mixed[which] = model.hessian
         kink = np.sum(bend, axis=1) * radius**2 / 4
-        state.gaps[which] = np.maximum(gain, kink) + np.maximum(top - before, 0)
+        # A small stencil over a jump is steep without end: it promises no more than some of its own differences.
+        promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
+        state.gaps[which] = promised + np.maximum(top - before, 0)
         scale = np.maximum(np.abs(state.values[which]), 1)
         flat = model.spread <= _NOISE * np.maximum(state.errors[which], 1e-15 * scale)
         quiet[which] = np.where(state.gaps[which] <= goal * scale, quiet[which] + 1, 0)

@@ -38,11 +38,15 @@ _STARTS = 40
 # Into how many parts the angles are divided, each with its share of the starts.
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many by the rule of the verdict.
-_SECOND, _THIRD, _CONFIRMED = 1024, 128, 24
+_SECOND, _THIRD, _CONFIRMED = 1024, 128, 16
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
 # How near (in the unit cube) a place is to another one that speaks for it, and to one that is the same.
 _AROUND, _SAME = 0.05, 2e-3
+# Accuracies at which places are confirmed, one after the other, as long as they may be the highest.
+_RUNGS = (1e-5, 1e-7)
+# How many of them by more than the first of these.
+_FINEST = 6
 # Values above this are examined for a pole.
 _SUSPICIOUS = 30.0
 
@@ -137,6 +141,10 @@ class _Search:
         self.gaps = np.zeros(0)
         self.winner = np.zeros(self.box.dimension)
         self.unbounded: tuple[np.ndarray, str] | None = None
+        # How much of what they promised scanned points kept when they were confirmed, and where the quick rules resolve nothing
+        # the points that were looked at by another one.
+        self.kept = 1.0
+        self.resolved_places: np.ndarray | None = None
 
     # --- albedos ---
 
@@ -356,40 +364,60 @@ class _Search:
         """Albedos at the accuracy of a verdict. With `ends`: of climbs, whose best are followed to the top by that rule too."""
         if not len(places):
             return
+        gaps = np.zeros(len(places)) if ends is None else np.where(np.isfinite(ends.gaps), ends.gaps, 0)
         if self.albedo.levels == 1 and ends is not None:  # the rule of the climb is that of a verdict
-            self.add(ends.places, ends.values, ends.errors, ends.gaps)
+            self.add(ends.places, ends.values, ends.errors, gaps)
             return
-        rough = None if self.albedo.fast else max(self.rtol or 0, 1e-7)
-        value, error = self.produce(places, rough)
-        if ends is None:
-            close = value + error >= max(self.best, np.max(value, initial=-np.inf)) - 1e-6
-            if rough is not None and rough > (self.rtol or 0):
-                value[close], error[close] = self.produce(places[close], self.rtol)
-            self.add(places, value, error, np.zeros(len(value)))
+        value, error = self.resolved(places)
+        self.add(places, value, error, gaps)
+        if ends is None or self.unbounded is not None or not np.any(np.isfinite(value)):
             return
-        self.add(places, value, error, np.where(np.isfinite(ends.gaps), ends.gaps, 0))
-        if np.any(np.isposinf(value)):
-            return
-        top = np.nanmax(value) if np.any(np.isfinite(value)) else -np.inf
-        worth = np.flatnonzero(value + 3 * error > max(top, self.best - 1e-6) - 1e-6)
+        # Where the rule does not reach its accuracy (edges, jumps), a climb by it would take forever: one of less accuracy does.
+        worth = np.flatnonzero((error < 1e-4) & (value + 3 * error > max(np.nanmax(value), self.best - 1e-6) - 1e-6))
         worth = worth[np.argsort(-value[worth])][:2]
-        if not worth.size:
-            return
-        polished = climb(
-            lambda unit: self.produce(unit, self.rtol),
-            self.box,
-            places[worth],
-            np.clip(10 * ends.radii[worth], 1e-4, 2e-3),
-            goal=2e-11,
-            rounds=8,
-            smallest=1e-9,
-            mixed=ends.mixed[worth],
-            calm=1,
-            check=self.tell,
-        )
-        self.add(polished.places, polished.values, polished.errors, np.where(np.isfinite(polished.gaps), polished.gaps, 1e-6))
+        if worth.size:
+            smooth = self.albedo.fast or error[worth[0]] <= 3 * max(self.rtol or 0, 1e-9) * max(abs(value[worth[0]]), 1)
+            accuracy = self.rtol if smooth else 1e-6
+            polished = climb(
+                lambda unit: self.produce(unit, accuracy),
+                self.box,
+                places[worth],
+                np.clip(10 * ends.radii[worth], 1e-4, 2e-3),
+                goal=2e-11 if smooth else 1e-8,
+                rounds=8 if smooth else 3,
+                smallest=1e-9,
+                mixed=ends.mixed[worth],
+                calm=1,
+                check=self.tell,
+            )
+            left = np.where(np.isfinite(polished.gaps), polished.gaps, 1e-6)
+            self.add(polished.places, polished.values, polished.errors, left)
+            if not smooth:
+                top = [int(np.argmax(polished.values))]
+                self.add(polished.places[top], *self.produce(polished.places[top], self.rtol), left[top])
         if self.box.has_angle and not self.albedo.fast and self.box.cosines[0] == 0:
-            self.limits(polished.places[polished.places[:, len(self.box.swept)] < 0.02])
+            grazing = self.confirmed.places[-max(len(worth), 1) :]
+            self.limits(grazing[grazing[:, len(self.box.swept)] < 0.02])
+
+    def resolved(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Albedos of some places, the more accurate the higher they are: what is clearly lower than the best needs no digits."""
+        if self.albedo.fast:
+            return self.produce(places, self.rtol)
+        final = max(self.rtol or 0, 1e-13)
+        value, error = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+        some = np.arange(len(places))
+        for rtol in (*(rung for rung in _RUNGS if rung > final), final):
+            value[some], error[some] = self.produce(places[some], rtol)
+            finite = np.isfinite(value)
+            least = max(self.best, float(np.max(np.where(finite, value - error, -np.inf), initial=-np.inf)))
+            some = np.flatnonzero(finite & (value + error >= least) & (error > 0))
+            # What did not come near the accuracy asked for has an edge or a jump: only the highest is tried once more.
+            stuck = error[some] > 3 * rtol * np.maximum(np.abs(value[some]), 1)
+            order = np.argsort(-value[some])
+            some = some[order][: 1 if np.any(stuck) else _FINEST]
+            if not some.size:
+                break
+        return value, error
 
     def add(self, places: np.ndarray, value: np.ndarray, error: np.ndarray, gaps: np.ndarray) -> None:
         fresh = _Points(places, value, error, np.full(len(value), self.albedo.levels))
@@ -519,19 +547,57 @@ class _Search:
         return self.box.kept(np.concatenate(moved))
 
     def rest(self) -> None:
-        """Confirm what could still be higher than the winner by its own error."""
+        """Confirm what could still be higher than the winner by its own error.
+
+        Where that is much of the scan, the quick rules do not resolve the BRDF (a spot between their nodes): then the rule of a
+        verdict looks at a few hundred points, and climbs.
+        """
         points = self.scanned
         assert points is not None
         if self.albedo.fast:
             return
         self.sharpen(points, self.albedo.levels - 1, int(_SECOND * self.scale))
-        for _ in range(3):
-            left = self.doubtful()
-            if not left.size:
-                break
-            some = left[np.argsort(-(points.values + points.errors)[left])][: int(_CONFIRMED * self.scale)]
+        most = int(_CONFIRMED * self.scale)
+        left = self.doubtful()
+        if len(left) > most:
+            spread = self.box.scan(4 * most, 10**6, self.cosines())
+            if spread.shape[1] > self.box.dimension:
+                spread = spread[:, : self.box.dimension]
+            places = np.concatenate([points.places[left[:: max(1, len(left) // (2 * most))]], spread])
+            value, error = self.produce(places, _RUNGS[0])
+            known = _Points(
+                places,
+                np.where(np.isfinite(value), value, -np.inf),
+                np.where(np.isfinite(error), error, 0),
+                np.zeros(len(value), int),
+            )
+            starts = self.starts(known, 8)[:4]
+            starts = starts[np.argsort(-known.values[starts])]
+            ends = climb(
+                lambda unit: self.produce(unit, _RUNGS[0]),
+                self.box,
+                known.places[starts],
+                0.05,
+                goal=1e-6,
+                rounds=6,
+                smallest=1e-4,
+                drop=1e-2,
+                check=self.tell,
+            )
+            self.climbs += len(starts)
+            self.confirm(ends.places[np.argsort(-ends.values)][:2], ends.taken(np.argsort(-ends.values)[:2]))
+            self.resolved_places = places
+        if left.size:
+            reach = points.values + points.errors
+            some = left[np.argsort(-reach[left])][:most]
+            best = self.best
+            before = len(self.confirmed.values)
             self.confirm(points.places[some])
+            fresh = slice(before, before + len(some))
             points.levels[some] = self.albedo.levels
+            with np.errstate(all="ignore"):
+                kept = (self.confirmed.values + self.confirmed.errors)[fresh] - best
+                self.kept = float(np.clip(np.nanmax(kept / np.maximum(reach[some] - best, 1e-300)), 0, 1))
 
     def doubtful(self) -> np.ndarray:
         """Indices of scanned points that may be higher than the winner by their own error, away from the winners.
@@ -567,15 +633,17 @@ class _Search:
         if not np.any(finite):
             place = confirmed.places[0] if len(confirmed.places) else self.scanned.places[0]
             return self.at(place, np.nan, np.inf, settled=False, **common)
-        top = int(np.argmax(np.where(finite, confirmed.values, -np.inf)))
+        # Of values that are equal within their errors, the one that is known best.
+        top = int(np.argmax(np.where(finite, confirmed.values - confirmed.errors, -np.inf)))
         value, error = float(confirmed.values[top]), float(confirmed.errors[top])
         self.winner = confirmed.places[top]
         with np.errstate(invalid="ignore"):
             upper = float(np.max(np.where(finite, confirmed.values + confirmed.errors + self.counted(self.winner), -np.inf)))
         # A place that could not be resolved, and could be higher.
         if not self.albedo.fast:
-            left = self.doubtful()
-            upper = max(upper, float(np.max((self.scanned.values + self.scanned.errors)[left], initial=-np.inf)))
+            # Of those that promised most, so much was kept; the others are not taken to keep more.
+            promise = float(np.max((self.scanned.values + self.scanned.errors)[self.doubtful()], initial=-np.inf))
+            upper = max(upper, self.best + self.kept * max(promise - self.best, 0))
         broken = ~np.isfinite(confirmed.values) & ~np.isposinf(confirmed.values)
         least = float(np.max(np.where(finite, confirmed.values - confirmed.errors, -np.inf)))
         bar = max(upper - value, error)
@@ -606,7 +674,7 @@ class _Search:
     def width(self) -> dict[str, float]:
         """The widest region that the scan may have missed: the largest gaps between its points, axis by axis and in all."""
         assert self.scanned is not None
-        places = self.scanned.places
+        places = self.scanned.places if self.resolved_places is None else self.resolved_places
         found: dict[str, float] = {}
         for axis, name in enumerate(self.box.names):
             values = np.unique(np.concatenate([[0.0, 1.0], places[:, axis]]))
