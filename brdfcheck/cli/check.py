@@ -11,6 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
     from brdfcheck.verdict import Report
 
 
+class Effort(StrEnum):
+    """How many points the search looks at; `EFFORTS` of the search."""
+
+    quick = "quick"
+    normal = "normal"
+    thorough = "thorough"
+
+
 @dataclass(frozen=True)
 class _Settings:
     """The options that `check` and `audit` share, already understood."""
@@ -39,10 +48,15 @@ class _Settings:
     names: Sequence[str] = ()
     over: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cos_theta: tuple[float, float] | None = None
+    effort: str = "normal"
 
 
 _Tolerance = Annotated[str, typer.Option(metavar="NUMBER", help="How far above 1 an albedo may lie and still conserve.")]
 _Rtol = Annotated[str | None, typer.Option(metavar="NUMBER", help="Relative accuracy of the albedos. [default: the best]")]
+_Effort = Annotated[
+    Effort,
+    typer.Option(help="How many points the search looks at: quick before a commit, thorough before a release."),
+]
 _Jobs = Annotated[
     str | None,
     typer.Option("-j", "--jobs", metavar="N", help="BRDFs evaluated at a time. [default: 4, or the number of CPUs]"),
@@ -85,14 +99,15 @@ def _check(
     substring: Filter = "",
     json: Json = None,
     junitxml: Annotated[str | None, typer.Option("--junitxml", metavar="FILE", help="Write the results as JUnit XML.")] = None,
+    effort: _Effort = Effort.normal,
     jobs: _Jobs = None,
     debug: Debug = False,
 ) -> Task:
     """The gate: do these BRDFs conserve energy?
 
-    Finds the largest directional albedo over all parameters and angles, with an error bar. CONSERVES and VIOLATES are
-    certain within it; UNDECIDED means that the error bar contains 1. Also looks for negative values, NaN, and a lack of
-    reciprocity.
+    Finds the largest directional albedo over all parameters and angles, with an error bar, and says what the answer rests on:
+    a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1, or that
+    the search did not settle. Also checks reciprocity, sign and finiteness.
     """
 
     def work() -> int:
@@ -106,6 +121,7 @@ def _check(
             names=tuple(names or ()),
             over=parse_over(over or ()),
             cos_theta=parse_cosines(cos_theta),
+            effort=effort.value,
         )
         return _run_check(settings, debug)
 
@@ -127,11 +143,12 @@ def _audit(
     json: Json = None,
     tolerance: _Tolerance = "1e-9",
     rtol: _Rtol = None,
+    effort: _Effort = Effort.normal,
     jobs: _Jobs = None,
     debug: Debug = False,
 ) -> Task:
     """What the literature claims about its BRDFs, and what is measured."""
-    return Task(lambda: _run_audit(_settings(tolerance, rtol, jobs, substring, json), debug), debug)
+    return Task(lambda: _run_audit(_settings(tolerance, rtol, jobs, substring, json, effort=effort.value), debug), debug)
 
 
 # --- from words to settings ---
@@ -251,9 +268,10 @@ def _evaluate(
     try:
         # The dear ones, in two dimensions, stand last in the catalogue: begun first, they leave no worker idle.
         step = -1 if all(target.file is None for target in targets) else 1
-        futures = [pool.submit(_report, target, settings, debug) for target in targets[::step]][::step]
-        waiting, written = set(futures), 0
-        with output.progress(len(futures), "checking") as advance:
+        waiting, written = set[Any](), 0
+        with output.progress(len(targets), "checking", every=10) as advance:
+            futures = [pool.submit(_report, target, settings, debug, advance.say) for target in targets[::step]][::step]
+            waiting.update(futures)
             while waiting:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:
@@ -268,17 +286,24 @@ def _evaluate(
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _report(target: Target, settings: _Settings, debug: bool) -> Report:
-    """`check_family`; for a user's BRDF, whatever it raises becomes a finding."""
+def _report(target: Target, settings: _Settings, debug: bool, say: Callable[[str], None]) -> Report:
+    """`check_family`; for a user's BRDF, whatever it raises becomes a finding. `say`: what to call with how far it is."""
     from brdfcheck.verdict import check_family
 
     family = target.family
+
+    def watch(points: int, best: float) -> None:
+        so_far = f", largest albedo so far {best:.6g}" if math.isfinite(best) else ""
+        say(f"{family.name}: {points} points{so_far}")
+
     began = time.perf_counter()
     if target.finding is not None:
         report = _unusable(target, settings, target.finding, began)
     else:
         try:
-            report = check_family(family, tolerance=settings.tolerance, rtol=settings.rtol)
+            report = check_family(
+                family, tolerance=settings.tolerance, rtol=settings.rtol, effort=settings.effort, watch=watch
+            )
         except (Exception, SystemExit) as error:
             if target.file is None:
                 raise
@@ -340,6 +365,7 @@ def _write_json(
         "cos_theta": None if settings.cos_theta is None else list(settings.cos_theta),
         "tolerance": settings.tolerance,
         "rtol": settings.rtol,
+        "effort": settings.effort,
         "jobs": settings.jobs,
         "precision": "float64",
     }
