@@ -26,6 +26,7 @@ import numpy as np
 import zarr
 from zarr.storage import MemoryStore
 
+from brdfcheck.interruption import Cleanup
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.sweep import provenance
 from brdfcheck.sweep.compute import Result
@@ -433,9 +434,10 @@ def _write(path: Path, data: bytes) -> None:
     partial = path.with_name(f".{path.name}{_PARTIAL}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(partial, "wb") as stream:
-            stream.write(data)
-        os.replace(partial, path)
+        with Cleanup(lambda: os.unlink(partial)):
+            with open(partial, "wb") as stream:
+                stream.write(data)
+            os.replace(partial, path)
     except OSError as error:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
