@@ -25,7 +25,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from brdfcheck.interruption import Cleanup
+from brdfcheck.interruption import Cleanup, Unheard
 
 ALONE = True  # times programs on all cores
 SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
@@ -76,10 +76,16 @@ def _local(cells: str, config: dict[str, Any], count: int, out: Path) -> dict[st
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={count}"
     command = [sys.executable, "-c", LOCAL, str(count), json.dumps(config), str(out)]
     environment = {**os.environ, "XLA_FLAGS": flags}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process, Cleanup(process.kill):
-        output, _ = process.communicate()
+    with Unheard():
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with process, Cleanup(process.kill):
+        try:
+            output, errors = process.communicate()
+        except BaseException:
+            process.kill()
+            raise
     if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, command, output)
+        raise subprocess.CalledProcessError(process.returncode, command, output, errors)
     return _row(cells, "cores", count, *json.loads(output))
 
 
