@@ -6,7 +6,9 @@ The public names are imported when they are first used, so that ``import brdfche
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING
+
+# Type checkers take it for true. That of `typing` would be the dearest import of a command that has only begun.
+TYPE_CHECKING = False
 
 __version__ = "0.1.0"
 

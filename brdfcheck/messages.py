@@ -8,6 +8,17 @@ class UsageError(Exception):
 
 
 def one_line(text: object) -> str:
-    """`text` on one line and without control characters, so that it can be part of a message."""
-    words = " ".join(str(text).split())
+    """`text` on one line and without control characters, so that it can be part of a message.
+
+    Bytes of the command line that the locale's encoding lacks are read as UTF-8, else shown as numbers.
+    """
+    words = " ".join(_readable(str(text)).split())
     return "".join(character for character in words if character.isprintable())
+
+
+def _readable(text: str) -> str:
+    """`text` without the surrogates that Python makes of such bytes."""
+    try:
+        return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # surrogates of another origin
+        return text.encode("utf-8", "backslashreplace").decode("utf-8")

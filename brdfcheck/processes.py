@@ -7,6 +7,7 @@ import queue
 import re
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Generator, Mapping, Sequence
@@ -14,11 +15,12 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from brdfcheck.cores import available_cores, bind_thread
+from brdfcheck.interruption import Cleanup
 
 # The first process that uses an accelerator would take most of its memory.
 _SHARED = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
 # Seconds that a process has to end itself once it is told of an interruption.
-_GRACE = 5.0
+_GRACE = 0.8
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ def run_all(commands: Mapping[str, Sequence[str]], *, side_by_side: bool) -> Gen
 
     Side by side: as many at once as this process has cores, each bound to one of its own. Otherwise one after the other, each
     on all of them. An exception in the caller, or closing the iterator, ends the processes: they are interrupted, and killed
-    where that is not enough.
+    where that is not enough. So does Ctrl-C where it is watched for.
     """
     cores: queue.SimpleQueue[int | None] = queue.SimpleQueue()
     places = available_cores() if side_by_side else [None]
@@ -75,7 +77,13 @@ def run_all(commands: Mapping[str, Sequence[str]], *, side_by_side: bool) -> Gen
         finally:
             cores.put(core)
 
-    with ThreadPoolExecutor(len(places), "brdfcheck-process") as pool:
+    def end() -> None:
+        nonlocal ended
+        with lock:
+            ended = True
+        _end(list(running.values()))
+
+    with Cleanup(end), ThreadPoolExecutor(len(places), "brdfcheck-process") as pool:
         futures = [pool.submit(run, name) for name in commands]
         try:
             for future in as_completed(futures):
@@ -83,15 +91,16 @@ def run_all(commands: Mapping[str, Sequence[str]], *, side_by_side: bool) -> Gen
                 assert result is not None
                 yield result
         finally:
-            with lock:
-                ended = True
+            end()
             pool.shutdown(wait=False, cancel_futures=True)
-            _end(list(running.values()))
 
 
 def _end(processes: Sequence[subprocess.Popen[str]]) -> None:
     for process in processes:
-        process.send_signal(signal.SIGINT)
+        if sys.platform == "win32":  # which knows of no interruption from outside
+            process.terminate()
+        else:
+            process.send_signal(signal.SIGINT)
     deadline = time.monotonic() + _GRACE
     for process in processes:
         try:

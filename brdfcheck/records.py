@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import brdfcheck
+from brdfcheck.interruption import Cleanup
 
 if TYPE_CHECKING:
     from brdfcheck.verdict import Report
@@ -322,17 +323,20 @@ def refuse_output(path: str) -> str | None:
             return f"the folder {folder} does not exist"
         if not folder.is_dir():
             return f"{folder} is not a folder"
-        trial = _temporary(folder)
-        with open(trial, "x", encoding="utf-8"):
-            pass
-        os.unlink(trial)
+        _try(_temporary(folder))
         if mode is None:  # the name itself may be impossible: too long, say
-            with open(target, "x", encoding="utf-8"):
-                pass
-            os.unlink(target)
+            _try(target)
     except (OSError, ValueError) as error:
         return str(getattr(error, "strerror", None) or error)
     return None
+
+
+def _try(path: str | Path) -> None:
+    """Create a file that is not there, and remove it."""
+    with Cleanup(lambda: os.path.getsize(path) or os.unlink(path)):  # with contents, it would be somebody else's
+        with open(path, "x", encoding="utf-8"):
+            pass
+        os.unlink(path)
 
 
 def _temporary(folder: Path) -> Path:
@@ -347,13 +351,14 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None
         target.write_bytes(data)
         return
     temporary = _temporary(target.parent)
-    try:
-        with open(temporary, "xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        if target.exists():
-            os.chmod(temporary, stat.S_IMODE(os.stat(target).st_mode))
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with Cleanup(lambda: os.unlink(temporary)):
+        try:
+            with open(temporary, "xb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+            if target.exists():
+                os.chmod(temporary, stat.S_IMODE(os.stat(target).st_mode))
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)

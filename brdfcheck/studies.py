@@ -180,7 +180,12 @@ def run_all(chosen: Sequence[Study], size: str, reports: Path) -> Generator[Fini
     longest first as far as a report in the repository tells.
     """
     # With this process's places to import from: what lies about in the current folder is none of them.
-    program = f"import sys; sys.path[:] = {sys.path!r}; from brdfcheck.studies import make; make(*sys.argv[1:])"
+    program = f"""import sys
+sys.path[:] = {sys.path!r}
+from brdfcheck import interruption
+interruption.watch()
+from brdfcheck.studies import make
+make(*sys.argv[1:])"""
     commands = {study.name: (sys.executable, "-c", program, str(study.path), size, str(reports)) for study in chosen}
     alone = [study.name for study in chosen if study.alone]
     others = sorted((study for study in chosen if not study.alone), key=_seconds, reverse=True)

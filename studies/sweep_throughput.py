@@ -25,6 +25,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from brdfcheck.interruption import Cleanup, Unheard
+
 ALONE = True  # times programs on all cores
 SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
 LOCAL = """
@@ -73,8 +75,18 @@ def _row(cells: str, way: str, count: int, number: int, seconds: float, starting
 def _local(cells: str, config: dict[str, Any], count: int, out: Path) -> dict[str, Any]:
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={count}"
     command = [sys.executable, "-c", LOCAL, str(count), json.dumps(config), str(out)]
-    done = subprocess.run(command, env={**os.environ, "XLA_FLAGS": flags}, capture_output=True, text=True, check=True)
-    return _row(cells, "cores", count, *json.loads(done.stdout))
+    environment = {**os.environ, "XLA_FLAGS": flags}
+    with Unheard():
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with process, Cleanup(process.kill):
+        try:
+            output, errors = process.communicate()
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command, output, errors)
+    return _row(cells, "cores", count, *json.loads(output))
 
 
 def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]:

@@ -379,7 +379,7 @@ def test_main_is_the_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     monkeypatch.setattr(sys, "argv", ["brdfcheck", "--version"])
     assert cli.main() == 0
     ended: list[int] = []
-    monkeypatch.setattr(os, "_exit", ended.append)
+    monkeypatch.setattr(running, "leave", ended.append)
     monkeypatch.setattr(running, "run", lambda _: ExitCode.INTERRUPTED)
     cli.script()
     assert ended == [ExitCode.INTERRUPTED]

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
 FLOORS = [
-    {"geometry", "precision", "brdf", "family", "messages", "rational", "cores"},
+    {"geometry", "precision", "brdf", "family", "messages", "rational", "cores", "interruption"},
     {"lobes", "microfacet", "factors", "callables", "documents", "processes", "costs"},
     {"quadrature"},
     {"catalog", "directional", "exact_factors", "minimax"},

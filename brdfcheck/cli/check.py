@@ -301,9 +301,7 @@ def _report(target: Target, settings: _Settings, debug: bool, say: Callable[[str
         report = _unusable(target, settings, target.finding, began)
     else:
         try:
-            report = check_family(
-                family, tolerance=settings.tolerance, rtol=settings.rtol, effort=settings.effort, watch=watch
-            )
+            report = check_family(family, tolerance=settings.tolerance, rtol=settings.rtol, effort=settings.effort, watch=watch)
         except (Exception, SystemExit) as error:
             if target.file is None:
                 raise

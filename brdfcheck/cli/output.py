@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, TextIO
 
+from brdfcheck.interruption import Cleanup
 from brdfcheck.messages import UsageError
 
 
@@ -65,42 +68,107 @@ class Output:
 
         columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False))
         console = Console(file=stream)
-        with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as line:
+        line = Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
+        with left_clean(stream), line:
             task = line.add_task(text)
             yield lambda text: line.update(task, description=text)
 
     @contextlib.contextmanager
-    def progress(self, count: int, doing: str) -> Iterator[Callable[[], None]]:
-        """A bar with the time left, on a terminal; `doing` says what for; gives what to call for each that is done."""
+    def progress(self, count: int, doing: str, every: float = math.inf) -> Iterator[Progress]:
+        """How far a command is: a bar with the time left on a terminal, a line on stderr each `every` seconds elsewhere.
+
+        `doing` says what for.
+        """
         stream = self.terminal()
         if stream is None:
-            yield lambda: None
+            yield Progress(lambda: None, _now_and_then(doing, every))
             return
+        import rich.progress as parts
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            SpinnerColumn,
-            TextColumn,
-            TimeRemainingColumn,
-        )
 
-        bar: Progress = Progress(
-            SpinnerColumn(),
-            TextColumn(doing),
-            BarColumn(bar_width=32),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            TextColumn("left"),
+        bar = parts.Progress(
+            parts.SpinnerColumn(),
+            parts.TextColumn(doing),
+            parts.BarColumn(bar_width=32),
+            parts.MofNCompleteColumn(),
+            parts.TimeRemainingColumn(),
+            parts.TextColumn("left"),
+            parts.TextColumn("{task.description}", markup=False),
             console=Console(file=stream),
             transient=True,
             redirect_stdout=False,
             redirect_stderr=False,
         )
-        with bar:
+        with left_clean(stream), bar:
             task = bar.add_task("", total=count)
-            yield lambda: bar.advance(task)
+            yield Progress(lambda: bar.advance(task), lambda text: bar.update(task, description=text))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a command calls as it goes: the object itself for each thing that is done, `say` with how far the next one is."""
+
+    advance: Callable[[], None]
+    say: Callable[[str], None]
+
+    def __call__(self) -> None:
+        self.advance()
+
+
+def _now_and_then(doing: str, every: float) -> Callable[[str], None]:
+    """A line on stderr, at most one each `every` seconds; the first one after as long."""
+    last = time.monotonic()
+    lock = threading.Lock()
+
+    def say(text: str) -> None:
+        nonlocal last
+        with lock:
+            if time.monotonic() - last < every:
+                return
+            last = time.monotonic()
+        with contextlib.suppress(OSError, ValueError):
+            print(f"{doing} {text}", file=sys.stderr, flush=True)
+
+    return say
+
+
+def left_clean(stream: TextIO) -> Cleanup:
+    """Where the command is interrupted within it, the line that moves on a terminal is removed and the cursor shown again."""
+    return Cleanup(lambda: os.write(stream.fileno(), b"\r\x1b[2K\x1b[?25h"))
+
+
+@contextlib.contextmanager
+def open_streams() -> Iterator[None]:
+    """Standard output and error, where the process has none (Python then has None), are open, on nothing."""
+    with contextlib.ExitStack() as stack:
+        for stream, redirect in ((sys.stdout, contextlib.redirect_stdout), (sys.stderr, contextlib.redirect_stderr)):
+            if stream is None:
+                nowhere = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
+                stack.enter_context(redirect(nowhere))
+        yield
+
+
+class _Unfailing(io.FileIO):
+    """A file that drops what it cannot write."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
+
+
+def unfailing(stream: TextIO | None) -> Any:
+    """The same stream, but what cannot be written is dropped: messages, and what a user's code prints, are not the work."""
+    try:
+        if stream is None:
+            return None
+        raw = _Unfailing(stream.fileno(), "w", closefd=False)
+    except (OSError, ValueError):  # it is no file of the system's
+        return stream
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw), encoding=stream.encoding, errors=stream.errors, newline="\n", line_buffering=True
+    )
 
 
 @contextlib.contextmanager
@@ -115,8 +183,9 @@ def quiet_when_unread(stream: TextIO) -> Iterator[None]:
 def discard(stream: TextIO) -> None:
     """Let what is still to be written to a stream go nowhere, also what Python itself writes at its end."""
     with contextlib.suppress(OSError, ValueError):
+        number = stream.fileno()
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
+        os.dup2(nowhere, number)
         os.close(nowhere)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import traceback
@@ -14,7 +15,8 @@ import typer
 # Importing a command's module adds it to the app.
 from brdfcheck.cli import budget, check, fit, listing, plot, render, study, sweep
 from brdfcheck.cli.app import ExitCode, NothingToCheck, Task, app
-from brdfcheck.cli.output import discard
+from brdfcheck.cli.output import discard, open_streams, unfailing
+from brdfcheck.interruption import leave
 from brdfcheck.messages import UsageError, one_line
 
 _COMMANDS = (budget, check, fit, listing, plot, render, study, sweep)
@@ -22,6 +24,11 @@ _COMMANDS = (budget, check, fit, listing, plot, render, study, sweep)
 
 def run(arguments: Sequence[str]) -> int:
     """The command with these arguments. Returns the exit code; raises nothing."""
+    with open_streams():
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str]) -> int:
     debug = os.environ.get("BRDFCHECK_DEBUG", "0") not in ("", "0")
     try:
         if not arguments:
@@ -29,6 +36,12 @@ def run(arguments: Sequence[str]) -> int:
         try:
             command = typer.main.get_command(app)
             task = command.main(list(arguments), prog_name="brdfcheck", standalone_mode=False)
+        except typer.Abort:  # what typer makes of KeyboardInterrupt
+            raise KeyboardInterrupt from None
+        except BrokenPipeError:
+            raise
+        except OSError as error:  # of the words nothing is opened: help and version were being written
+            raise UsageError(f"cannot write to <stdout>: {error.strerror or error}") from None
         except Exception as error:
             # What typer raises for words it does not understand; the classes moved between its releases.
             if not hasattr(error, "format_message"):
@@ -50,7 +63,8 @@ def run(arguments: Sequence[str]) -> int:
         return error.code if isinstance(error.code, int) else ExitCode.INTERNAL_ERROR
     except Exception as error:
         if debug:
-            traceback.print_exc()
+            with contextlib.suppress(OSError, ValueError):
+                traceback.print_exc()
         hint = "" if debug else " (--debug shows the traceback)"
         return _complain(f"internal error: {type(error).__name__}: {one_line(error)}{hint}", ExitCode.INTERNAL_ERROR)
 
@@ -76,21 +90,24 @@ def _complain(text: str, code: ExitCode) -> int:
 def main() -> int:
     """`run` on the arguments of the process, with output that survives odd terminals and readers that have gone."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a name that the terminal's encoding lacks is no reason to fail
-            stream.reconfigure(errors="backslashreplace")  # pyright: ignore[reportAttributeAccessIssue]
-    code = run(sys.argv[1:])
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
+    with contextlib.redirect_stderr(unfailing(sys.stderr)):
+        code = run(sys.argv[1:])
     for stream in (sys.stdout, sys.stderr):
+        if stream is None:
+            continue
         try:
             stream.flush()
-        except OSError:  # the reader has gone, or the disk is full, which has been said
+        except (OSError, ValueError):  # the reader has gone, or the disk is full, which has been said; or it was closed
             discard(stream)
     return code
 
 
 def script() -> NoReturn:
-    """The console script: `main`, and out at once.
+    """`main`, and out at once: what the console script does once Ctrl-C is watched for.
 
     Everything is written and flushed by then. An orderly end of the interpreter would wait for evaluations that still
-    run after an interruption, and takes JAX 0.8 s to take its compiler down.
+    run, and takes JAX 0.8 s to take its compiler down.
     """
-    os._exit(main())
+    leave(main())

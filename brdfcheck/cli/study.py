@@ -95,7 +95,8 @@ def _run_several(chosen: list[Study], size: str, reports: Path, out: str, debug:
                 failed += 1
                 output.line(f"{end.name}  failed: {one_line(end.last_words)}")
                 if debug:
-                    sys.stderr.write(end.output)
+                    with contextlib.suppress(OSError, ValueError):
+                        sys.stderr.write(end.output)
             else:
                 _wrote(end.name, end.seconds, reports / end.name, output)
     minutes = (time.perf_counter() - began) / 60

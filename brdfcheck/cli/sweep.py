@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from brdfcheck.cli.app import Debug, ExitCode, Task, app, start
-from brdfcheck.cli.output import Output
+from brdfcheck.cli.output import Output, left_clean
+from brdfcheck.interruption import Cleanup, say
 from brdfcheck.messages import UsageError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 # Without a terminal, a line so often (seconds).
 _EVERY = 10.0
+_KEPT = "the chunks computed so far are kept: the same command goes on from here"
 
 
 @app.command(
@@ -91,7 +93,7 @@ def _run(config: str, out: str | None, scheduler: str | None, *, dry_run: bool, 
                 output.line(f"estimate  {_time(guess.seconds)} on this machine{compiling} (measured on a few cells)")
                 return ExitCode.PASSED
             assert out is not None
-            with _progress(output, plan) as progress:
+            with Cleanup(lambda: say(_KEPT)), _progress(output, plan) as progress:
                 summary = fill(plan, out, scheduler=scheduler, repair=repair, progress=progress)
         except SweepError as error:
             with contextlib.suppress(OSError, ValueError):
@@ -100,7 +102,7 @@ def _run(config: str, out: str | None, scheduler: str | None, *, dry_run: bool, 
         except KeyboardInterrupt:
             if not dry_run:
                 with contextlib.suppress(OSError, ValueError):
-                    print("the chunks computed so far are kept: the same command goes on from here", file=sys.stderr)
+                    print(_KEPT, file=sys.stderr)
             raise
     rate = f", {summary.cells / summary.seconds:.3g} cells/s" if summary.cells else ""
     before = f", {summary.found} were there" if summary.found else ""
@@ -180,7 +182,7 @@ def _progress(output: Output, plan: Plan) -> Iterator[Callable[[Progress], None]
         redirect_stderr=False,
         speed_estimate_period=300,
     )
-    with bar:
+    with left_clean(stream), bar:
         task: Any = None
         began = time.monotonic()
 

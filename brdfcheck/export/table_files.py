@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 from brdfcheck import records
 from brdfcheck.export.snippets import factor_text
+from brdfcheck.interruption import Cleanup
 from brdfcheck.surfaces import AlbedoGrid, formula_of
 
 KINDS = ("csv", "npy", "exr")
@@ -108,7 +110,7 @@ def _exr(table: AlbedoGrid, metadata: Mapping[str, Any]) -> bytes:
 
     header: dict[str, Any] = {f"brdfcheck.{key}": text for key, text in _texts(metadata).items()}
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder:
+    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
         file = Path(folder, "table.exr")
         with OpenEXR.File(header, {"Y": np.ascontiguousarray(table.values, dtype=np.float32)}) as image:
             image.write(str(file))

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from brdfcheck.interruption import Unheard
 from brdfcheck.peers.peer import PeerMissing, load, not_installed
 
 # exp(-42) = 6e-19: slopes beyond 6.5 m add nothing.
@@ -152,7 +153,9 @@ def scipy_table(
         raise PeerMissing(message)
     row = functools.partial(_row, cosines=[float(mu) for mu in cosines])
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        list(pool.map(row, [float(slopes[-1])] * processes))
+        with Unheard():
+            warm = pool.map(row, [float(slopes[-1])] * processes)
+        list(warm)
         began = time.perf_counter()
         rows = list(pool.map(row, [float(m) for m in slopes]))
         seconds = time.perf_counter() - began

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brdfcheck import records
+from brdfcheck.interruption import Cleanup
 from brdfcheck.pictures.colour import encode_srgb
 
 KINDS = ("png", "exr")
@@ -61,7 +63,7 @@ def exr_bytes(image: Any, metadata: Mapping[str, Any] | None = None) -> bytes:
     channels = np.ascontiguousarray(_checked(image), dtype=np.float32)
     header: dict[str, Any] = {f"brdfcheck.{key}": str(value) for key, value in (metadata or {}).items()}
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder:
+    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
         path = Path(folder, "image.exr")
         with OpenEXR.File(header, dict(zip("RGB", channels, strict=True))) as file:
             file.write(str(path))

@@ -15,6 +15,7 @@ from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.exact_factors import exact_factor
 from brdfcheck.factors import AbstractFactor, Normalized
 from brdfcheck.family import Family
+from brdfcheck.interruption import Unheard
 from brdfcheck.precision import double_precision, is_double, use_compilation_cache, use_x64
 from brdfcheck.stability.references import LOBES, MICROFACETS, Reference
 from brdfcheck.verdict import TOLERANCE, Verdict, check_family
@@ -90,7 +91,9 @@ def all_verdicts(references: Sequence[Reference], factors: int, processes: int =
         for place in range(processes):
             cores.put(mine[place % len(mine)])
         with ProcessPoolExecutor(processes, mp_context=start, initializer=_begin, initargs=(cores,)) as pool:
-            results = list(pool.map(_counts, tasks))
+            with Unheard():
+                counted = pool.map(_counts, tasks)
+            results = list(counted)
     for (kind, *_), result in zip(tasks, results, strict=True):
         found[kind].update(result)
     return {kind: dict(counter) for kind, counter in found.items()}

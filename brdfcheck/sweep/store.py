@@ -31,6 +31,7 @@ import numpy as np
 import zarr
 from zarr.storage import MemoryStore
 
+from brdfcheck.interruption import Cleanup
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.sweep import provenance
 from brdfcheck.sweep.compute import Result
@@ -533,14 +534,10 @@ def _write(path: Path, data: bytes) -> None:
         # What is at that name is ours where it holds the beginning of these data; otherwise it is somebody's and stays.
         names = (_partial(path, number) for number in itertools.count(1))
         partial = next(name for name in names if not os.path.lexists(name) or _is_beginning(name, data))
-        try:
+        with Cleanup(lambda: os.unlink(partial)):
             with open(partial, "wb") as stream:
                 stream.write(data)
             os.replace(partial, path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                partial.unlink(missing_ok=True)
-            raise
     except OSError as error:
         if error.errno in _FULL:
             raise _full(path) from None
