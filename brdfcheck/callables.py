@@ -16,6 +16,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from brdfcheck.cores import available_cores
 from brdfcheck.precision import double_precision
@@ -112,7 +113,7 @@ class Evaluator:
         try:
             brdf = self._build(**dict(zip(self.names, parameters, strict=True)))
         except Exception as error:
-            if any(isinstance(value, jax.core.Tracer) for value in parameters):
+            if any(isinstance(value, Tracer) for value in parameters):
                 raise
             shown = ", ".join(f"{key}={value:g}" for key, value in zip(self.names, parameters, strict=True))
             raise Finding(f"{self._name}({shown}) raised {type(error).__name__}: {error}") from error

@@ -257,7 +257,7 @@ class PointwiseAlbedo:
 
 
 def worst_channel(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Value and error of the channel with the largest value at each point, and which one it is (None: there are no channels)."""
+    """Value and error of the channel with the largest value at each point, and which one it is (None: there are none)."""
     if value.ndim == 1:
         return value, error, None
     worst = np.argmax(np.where(np.isnan(value), np.inf, value), axis=-1)
@@ -271,7 +271,7 @@ def _per_cosine(brdf: Any) -> bool:
 
 
 def _in_blocks(wo: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tables of nodes cut into blocks of one size: (m, blocks, 3, BLOCK) and (m, blocks, BLOCK). What fills up weighs nothing."""
+    """Tables of nodes cut into blocks: (m, blocks, 3, BLOCK) and (m, blocks, BLOCK). What fills up weighs nothing."""
     size = weight.shape[1]
     blocks = -(-size // BLOCK)
     spare = blocks * BLOCK - size

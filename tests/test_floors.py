@@ -15,7 +15,6 @@ FLOORS = [
     {"quadrature"},
     {"catalog", "directional", "exact_factors", "minimax"},
     {"tables", "pointwise", "rules", "peers"},
-    {"supremum", "side_checks"},
     {"verdict"},
     {"records", "user_brdf", "fit", "surfaces"},
     {

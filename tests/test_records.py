@@ -11,11 +11,11 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from brdfcheck.side_checks import SideChecks
 from hypothesis import given
 from hypothesis import strategies as st
 
 from brdfcheck import records
-from brdfcheck.side_checks import SideChecks
 from brdfcheck.verdict import Report, Verdict
 
 SIDE = SideChecks(0.0, -0.1, 2, 10, True, False)

@@ -166,7 +166,7 @@ def check(
 def assert_conserves(brdf: Any, **options: Any) -> Report:
     """`check`, for tests: AssertionError where the BRDF does not pass, with verdict, albedo, place, error bar and findings.
 
-    `brdf` and `options` are those of `check`, ranges of parameters included; raises what `check` raises, and returns its report.
+    `brdf` and `options` are those of `check`, ranges of parameters included. Raises what `check` raises; returns its report.
     """
     report = check(brdf, **options)
     if not report.passed:

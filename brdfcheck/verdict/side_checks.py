@@ -155,10 +155,11 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
             brdfs = brdfs.lobe
         lobes = _zonal_values if isinstance(brdfs, AbstractZonalLobe) else _values
 
-        def values(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        def of_lobes(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             found = np.asarray(lobes(brdfs, wi, wo))  # pyright: ignore[reportArgumentType]
             return found * (np.reshape(scale, (-1,) + (1,) * (found.ndim - 1)) if np.ndim(scale) else scale)
 
+        values: Values = of_lobes
     else:
         parameters = np.unique(parameters, axis=0)
         swept = [albedo.names.index(name) for name in albedo.swept]

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from brdfcheck.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import DECADES, Box, cosine_at
@@ -245,7 +245,8 @@ class _Search:
                 values.append(self.estimate(0, moved)[0])
             with np.errstate(all="ignore"):
                 change, noise = np.abs(values[1] - values[0]), np.abs(np.array(values[2:]) - values[0]).max(axis=0)
-                told = change > np.maximum(1e-7, 64 * self.albedo.epsilon) * np.maximum(np.abs(values[0]), 1e-3) + 10 * noise
+                told = self.box.physical(places)[1] < 1 - 1e-6  # light along N has no azimuth
+                told &= change > np.maximum(1e-7, 64 * self.albedo.epsilon) * np.maximum(np.abs(values[0]), 1e-3) + 10 * noise
             self.albedo.anisotropic = bool(np.any(told))
         if self.albedo.anisotropic:
             return
@@ -372,7 +373,7 @@ class _Search:
         self.add(places, value, error, gaps)
         if ends is None or self.unbounded is not None or not np.any(np.isfinite(value)):
             return
-        # Where the rule does not reach its accuracy (edges, jumps), a climb by it would take forever: one of less accuracy does.
+        # Where the rule does not reach its accuracy (edges, jumps), a climb by it would take forever: a coarser one does.
         worth = np.flatnonzero((error < 1e-4) & (value + 3 * error > max(np.nanmax(value), self.best - 1e-6) - 1e-6))
         worth = worth[np.argsort(-value[worth])][:2]
         if worth.size:
@@ -400,7 +401,7 @@ class _Search:
             self.limits(grazing[grazing[:, len(self.box.swept)] < 0.02])
 
     def resolved(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Albedos of some places, the more accurate the higher they are: what is clearly lower than the best needs no digits."""
+        """Albedos of some places, the more accurate the higher: what is clearly lower than the best needs no digits."""
         if self.albedo.fast:
             return self.produce(places, self.rtol)
         final = max(self.rtol or 0, 1e-13)
@@ -495,7 +496,7 @@ class _Search:
         for index in np.argsort(ends.values)[::-1][:2]:
             if ends.values[index] < _SUSPICIOUS:
                 return
-            if self.whether_pole(ends.places[index], ends.values[index], level):
+            if self.whether_pole(ends.places[index], float(ends.values[index]), level):
                 return
 
     def whether_pole(self, place: np.ndarray, value: float, level: int) -> bool:
@@ -533,7 +534,7 @@ class _Search:
         good = np.flatnonzero(np.isfinite(points.values))
         if dimension == 0 or len(good) < 4 * (dimension + 1):
             return np.zeros((0, dimension))
-        tree = cKDTree(points.places[good])
+        tree = KDTree(points.places[good])
         top = good[np.argsort(points.values[good])[::-1][: min(len(good), 4096)]]
         distance, neighbours = tree.query(points.places[top], k=2 * dimension + 2)
         around = points.values[good][neighbours]
