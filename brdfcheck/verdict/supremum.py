@@ -36,11 +36,11 @@ _POINTS = (4096, 8192, 8192, 12288)
 _COSINES = 513
 _STARTS = 40
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
-_LINE, _RIVALS = 1025, 24
+_LINE, _RIVALS = 769, 24
 # Into how many parts the angles are divided, each with its share of the starts.
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many by the rule of the verdict.
-_SECOND, _THIRD, _CONFIRMED = 1024, 128, 16
+_SECOND, _THIRD, _CONFIRMED = 512, 64, 16
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
 # How near (in the unit cube) a place is to another one that speaks for it, and to one that is the same.
@@ -189,7 +189,7 @@ class _Search:
         for again in range(4):
             before = self.best
             more = np.concatenate(
-                [self.box.scan(count // 2, count + again * count, self.cosines()), self.near(count // 4, again)]
+                [self.box.scan(count // 4, count + again * count, self.cosines()), self.near(count // 8, again)]
             )
             fresh = self.look(more)
             self.scanned = self.scanned.joined(fresh)
@@ -211,16 +211,16 @@ class _Search:
         """A scan by the quick rule, and finer rules where that may matter."""
         value, error = self.estimate(0, places)
         found = _Points(places, value, error, np.zeros(len(value), int))
-        for level, most in zip(
-            range(1, self.albedo.levels), (int(_SECOND * self.scale), int(_THIRD * self.scale)), strict=False
-        ):
-            self.sharpen(found, level, most)
+        finer = (_THIRD,) if self.albedo.fast else (_SECOND, _THIRD)
+        for level, most in zip(range(1, self.albedo.levels), finer, strict=False):
+            self.sharpen(found, level, int(most * self.scale))
         return found
 
     def sharpen(self, points: _Points, level: int, most: int) -> None:
         """Take the points that may be the highest by the rule of the next level; the change is the error."""
         reach = points.values + points.errors
-        open_ = np.flatnonzero((points.levels == level - 1) & (reach > self.best - _MARGIN * max(1, abs(self.best))))
+        margin = _MARGIN if level == 1 else -1e-9
+        open_ = np.flatnonzero((points.levels == level - 1) & (reach > self.best - margin * max(1, abs(self.best))))
         if not self.albedo.fast:
             open_ = open_[points.errors[open_] > 1e-10]
         chosen = open_[np.argsort(-reach[open_])][:most]
@@ -312,7 +312,7 @@ class _Search:
         places, radii = points.places[chosen], np.full(len(chosen), 0.25 * len(points.values) ** (-1 / max(dimension, 1)))
         # Where the quick rule is not good enough to climb by, the next one is.
         first = 1 if self.albedo.levels > 1 and np.median(points.errors[chosen]) > 1e-2 else 0
-        kept = (len(chosen), 10, 5)
+        kept = (len(chosen), 5 if self.albedo.fast else 10, 5)
         ends: Climbs | None = None
         doubt = points.errors[chosen]
         for level in range(first, self.albedo.levels):
@@ -589,7 +589,7 @@ class _Search:
         assert points is not None
         if self.albedo.fast:
             return
-        self.sharpen(points, self.albedo.levels - 1, int(_SECOND * self.scale))
+        self.sharpen(points, self.albedo.levels - 1, int(2 * _SECOND * self.scale))
         most = int(_CONFIRMED * self.scale)
         left = self.doubtful()
         if len(left) > most:
