@@ -2,10 +2,10 @@ r"""A fixed rule over the hemisphere whose nodes move with the light: for scans,
 
 The coordinates are those of `quadrature.adaptive`: t along the plane of incidence, b across it. Six corners, one on either
 side of the mirror direction, the normal and the light, reach half way to the next of these (or to the horizon). Near its
-seed a corner is two triangles with their apex at the seed, in the coordinates (r, r q) and (r q, r), with r = scale sinh(u)
-and q a sinh of v whose scale is the cosine of incidence: a lobe of any width above `scale` is a bump of length one in u, and
-v crowds the nodes where grazing light makes a needle of it. Two rectangles fill up a corner: beside the triangles across the plane, and beyond them along it. What is
-left lies at the horizon, on either side, with nodes that crowd there.
+seed a corner is two triangles with their apex at the seed, in the coordinates (r, r q) and (r q, r). r is a sinh of u, so a
+lobe of any width above `scale` is a bump of length one in u; q is a sinh of v whose scale is the cosine of incidence, which
+crowds the nodes where grazing light makes a needle of a lobe. Two rectangles fill up a corner: beside the triangles across
+the plane, and beyond them along it. What is left lies at the horizon, on either side, with nodes that crowd there.
 
 The number of nodes is the same for every incidence, and they move smoothly with it, so that a sum over them is a smooth
 function of the angle wherever the BRDF is: what a climb needs.
