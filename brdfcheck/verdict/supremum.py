@@ -148,6 +148,8 @@ class _Search:
         # How much of what they promised scanned points kept when they were confirmed, and where the quick rules resolve nothing
         # the points that were looked at by another one.
         self.kept = 1.0
+        # Set where the rule of a verdict does not converge (jumps): more of its evaluations would tell little more.
+        self.hard = False
         self.resolved_places: np.ndarray | None = None
 
     # --- albedos ---
@@ -199,7 +201,9 @@ class _Search:
             self.ascend(fresh, _STARTS // 4)
             if self.best > before:
                 self.rivals()
-            self.settled = not self.best > before + 1e-7 * max(1, abs(before))
+            # Higher by more than the errors of the two.
+            top = int(np.argmax(np.where(np.isfinite(self.confirmed.values), self.confirmed.values, -np.inf)))
+            self.settled = not self.best > before + 1e-7 * max(1, abs(before)) + min(2 * self.confirmed.errors[top], 1e-2)
             if self.settled or self.unbounded is not None:
                 break
         self.rest()
@@ -221,8 +225,9 @@ class _Search:
     def sharpen(self, points: _Points, level: int, most: int) -> None:
         """Take the points that may be the highest by the rule of the next level; the change is the error."""
         reach = points.values + points.errors
-        margin = _MARGIN if level == 1 else -1e-9
-        open_ = np.flatnonzero((points.levels == level - 1) & (reach > self.best - margin * max(1, abs(self.best))))
+        known = np.isfinite(self.best)
+        floor = self.best + (1e-9 if level > 1 else -_MARGIN * max(1, abs(self.best))) if known else -np.inf
+        open_ = np.flatnonzero((points.levels == level - 1) & (reach > floor))
         if not self.albedo.fast:
             open_ = open_[points.errors[open_] > 1e-10]
         chosen = open_[np.argsort(-reach[open_])][:most]
@@ -263,6 +268,11 @@ class _Search:
         self.box = Box(self.box.ranges, self.box.cosines, turning=False)
         points.places = points.places[:, :-1]
         self.confirmed.places = self.confirmed.places[:, :-1]
+
+    @property
+    def most(self) -> int:
+        """How many scanned points may be confirmed at a time."""
+        return 4 if self.hard else int(_CONFIRMED * self.scale)
 
     @property
     def best(self) -> float:
@@ -349,12 +359,12 @@ class _Search:
         # What the scan saw higher than the climbs ended is confirmed as it is: a jump, or a place that no model fits.
         reach = points.values + points.errors
         higher = np.flatnonzero((points.levels == self.albedo.levels - 1) & (reach > self.best + 1e-9))
-        self.confirm(points.places[higher[np.argsort(-reach[higher])][: int(_CONFIRMED * self.scale)]])
+        self.confirm(points.places[higher[np.argsort(-reach[higher])][: self.most]])
 
     def rivals(self) -> None:
         """Climb from the crests that lines through the winner, along each axis, go over."""
         finite = np.isfinite(self.confirmed.values)
-        if not np.any(finite) or not self.box.dimension or self.unbounded is not None:
+        if not np.any(finite) or not self.box.dimension or self.unbounded is not None or self.hard:
             return
         winner = self.confirmed.places[int(np.argmax(np.where(finite, self.confirmed.values, -np.inf)))]
         along = np.linspace(0, 1, max(int(_LINE * self.scale), 65))
@@ -443,13 +453,15 @@ class _Search:
         final = max(self.rtol or 0, 1e-13)
         value, error = np.full(len(places), -np.inf), np.full(len(places), np.inf)
         some = np.arange(len(places))
-        for rtol in (*(rung for rung in _RUNGS if rung > final), final):
+        rungs = [rung for rung in _RUNGS if rung > final]
+        for rtol in rungs if self.hard and rungs else [*rungs, final]:
             value[some], error[some] = self.produce(places[some], rtol)
             finite = np.isfinite(value)
             least = max(self.best, float(np.max((value - error)[finite], initial=-np.inf)))
             some = np.flatnonzero(finite & (value + error >= least) & (error > 0))
             # What did not come near the accuracy asked for has an edge or a jump: only the highest is tried once more.
             stuck = error[some] > 3 * rtol * np.maximum(np.abs(value[some]), 1)
+            self.hard |= bool(some.size and np.all(error[some] > 200 * rtol * np.maximum(np.abs(value[some]), 1)))
             order = np.argsort(-value[some])
             some = some[order][: 1 if np.any(stuck) else _FINEST]
             if not some.size:
@@ -502,7 +514,7 @@ class _Search:
         places = places.copy()
         places[:, swept] = 0
         before, _ = self.produce(places, 1e-7)
-        value, error = self.produce(places, max(self.rtol or 0, 1e-9), limit=True)
+        value, error = self.produce(places, _RUNGS[0] if self.hard else max(self.rtol or 0, 1e-9), limit=True)
         self.add(places, value, error, np.zeros(len(value)))
         finite = np.isfinite(value)
         if self.unbounded is not None or not np.any(finite):
@@ -594,7 +606,7 @@ class _Search:
         if self.albedo.fast:
             return
         self.sharpen(points, self.albedo.levels - 1, int(2 * _SECOND * self.scale))
-        most = int(_CONFIRMED * self.scale)
+        most = self.most
         left = self.doubtful()
         if len(left) > most:
             spread = self.box.scan(4 * most, 10**6, self.cosines())
@@ -608,21 +620,24 @@ class _Search:
                 np.where(np.isfinite(error), error, 0),
                 np.zeros(len(value), int),
             )
-            starts = self.starts(known, 8)[:4]
-            starts = starts[np.argsort(-known.values[starts])]
-            ends = climb(
-                lambda unit: self.produce(unit, _RUNGS[0]),
-                self.box,
-                known.places[starts],
-                0.05,
-                goal=1e-6,
-                rounds=6,
-                smallest=1e-4,
-                drop=1e-2,
-                check=self.tell,
-            )
-            self.climbs += len(starts)
-            self.confirm(ends.places[np.argsort(-ends.values)][:2], ends.taken(np.argsort(-ends.values)[:2]))
+            if not self.hard:
+                starts = self.starts(known, 8)[:4]
+                starts = starts[np.argsort(-known.values[starts])]
+                ends = climb(
+                    lambda unit: self.produce(unit, _RUNGS[0]),
+                    self.box,
+                    known.places[starts],
+                    0.05,
+                    goal=1e-6,
+                    rounds=6,
+                    smallest=1e-4,
+                    drop=1e-2,
+                    check=self.tell,
+                )
+                self.climbs += len(starts)
+                self.confirm(ends.places[np.argsort(-ends.values)][:2], ends.taken(np.argsort(-ends.values)[:2]))
+            else:
+                self.confirm(known.places[np.argsort(-known.values)[:2]])
             self.resolved_places = places
         if left.size:
             reach = points.values + points.errors
@@ -633,7 +648,7 @@ class _Search:
             fresh = slice(before, before + len(some))
             points.levels[some] = self.albedo.levels
             with np.errstate(all="ignore"):
-                kept = (self.confirmed.values + self.confirmed.errors)[fresh] - best
+                kept = (self.confirmed.values - self.confirmed.errors)[fresh] - best
                 self.kept = float(np.clip(np.nanmax(kept / np.maximum(reach[some] - best, 1e-300)), 0, 1))
 
     def doubtful(self) -> np.ndarray:
