@@ -416,6 +416,10 @@ class _Search:
             self.add(ends.places, ends.values, ends.errors, gaps)
             return
         value, error = self.resolved(places)
+        if ends is not None:
+            # What a climb says of its gap is worth nothing where the quick rule that it went by is far off.
+            off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
+            gaps = np.where((off > 1e-3) & (off > gaps), 0, gaps)
         self.add(places, value, error, gaps)
         if ends is None or self.unbounded is not None or not np.any(np.isfinite(value)):
             return
