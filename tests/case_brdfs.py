@@ -484,8 +484,8 @@ def fades_in(n):
 
 
 def hill(x):
-    """1.05/pi 2^-(x/1e308)^2 over both signs of x: 1.05 at x = 0."""
-    return lambda wi, wo: 1.05 / jnp.pi * 2.0 ** (-((x / 1e308) ** 2)) + 0 * wo[..., 2]
+    """1.05/pi 2^-(x/1e307 - 1.3)^2 over both signs of x: 1.05 at x = 1.3e307."""
+    return lambda wi, wo: 1.05 / jnp.pi * 2.0 ** (-((x / 1e307 - 1.3) ** 2)) + 0 * wo[..., 2]
 
 
 def tiny(a):
@@ -497,8 +497,8 @@ def tiny(a):
 
 
 def three_arguments(wi, wo, n):
-    """The parameter beside the directions: (n+2)/(2 pi) cos^n of the mirror direction, 1 at normal incidence for every n."""
-    return (n + 2) / (2 * jnp.pi) * jnp.maximum(jnp.sum(wi * jnp.array([-1.0, -1.0, 1.0]) * wo, axis=-1), 0) ** n
+    """The parameter beside the directions: 0.9 (n+2)/(2 pi) cos^n of the mirror direction, 0.9 for normal light."""
+    return 0.9 * (n + 2) / (2 * jnp.pi) * jnp.maximum(jnp.sum(wi * jnp.array([-1.0, -1.0, 1.0]) * wo, axis=-1), 0) ** n
 
 
 def three_arguments_default(wi, wo, n=5.0):
@@ -507,8 +507,13 @@ def three_arguments_default(wi, wo, n=5.0):
 
 
 def three_arguments_bad(wi, wo, n):
-    """One per cent too much."""
-    return 1.01 * three_arguments(wi, wo, n)
+    """Two per cent too much."""
+    return 1.02 / 0.9 * three_arguments(wi, wo, n)
+
+
+def normalised_phong(n):
+    """(n+2)/(2 pi) cos^n of the mirror direction: 1 for normal light and for every n, a plateau on the line itself."""
+    return lambda wi, wo: three_arguments(wi, wo, n) / 0.9
 
 
 # --- results that are no numbers, or too few ---

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,9 @@ import pytest
 import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode
+from brdfcheck.factors import Factor, Normalized
 from brdfcheck.family import Family
-from brdfcheck.lobes import Lambert, Phong
+from brdfcheck.lobes import BinomialPower, Lambert, Phong
 from brdfcheck.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Report, Verdict, assert_conserves, check
 
@@ -45,7 +46,7 @@ class Case:
 
     `albedo` is known to +- `accuracy`, and the error bar must hold it; GROWS: without bound, None: not looked at. `error`: the
     largest error bar that is still useful. `place`: parameters, "cos" and "azimuth" (degrees), with their accuracies. `found`:
-    expressions that must occur in findings, a finding each; any other finding is wrong.
+    expressions that must occur in findings, a finding each; any other finding is wrong. `channel`: which one, of how many.
     """
 
     name: str
@@ -60,6 +61,8 @@ class Case:
     text: str = ""
     anisotropic: bool = False
     above: tuple[float, float] | None = None
+    channel: tuple[int | None, int] = (None, 1)
+    effort: str = "normal"
     slow: bool = False
 
 
@@ -81,6 +84,7 @@ SOUND_IN_EXACT_ARITHMETIC = [
         error=1e-5,
         place={"cos": (1.0, 1e-3)},
         anisotropic=True,
+        slow=True,
     ),
     Case(
         "ashikhmin-shirley",
@@ -168,20 +172,12 @@ NARROW = [
         1.3029720327568846,
         error=1e-4,
         place={"cos": (math.cos(math.radians(14.0076)), 1e-3)},
+        slow=True,
     ),
 ]
 
 HELD = [
     Case("one parameter", cases.sixteenth, VIOLATES, 1.0016005217, N, place=AT_THE_PEAK, above=(14.303, 23.056)),
-    Case(
-        "one held",
-        cases.sixteenth_ks,
-        VIOLATES,
-        1.0016005217,
-        {**N, "ks": (1.0, 1.0)},
-        place={**AT_THE_PEAK, "ks": (1, 0)},
-        above=(14.303, 23.056),
-    ),
     Case(
         "two that take away",
         cases.sixteenth_f90,
@@ -257,7 +253,16 @@ GRAZING = [
     Case("ggx", cases.grazing_ggx, VIOLATES, 1.000000005, {"scale": (1.000000005,) * 2}, error=4e-9, place=AT_THE_HORIZON),
     Case("lommel-seeliger", cases.lommel_seeliger, VIOLATES, 1 + 1e-8, error=9e-9, place=AT_THE_HORIZON),
     Case("square root", cases.grazing_square_root, VIOLATES, 1.00001, place=AT_THE_HORIZON),
-    Case("steep tenth power", cases.grazing_tenth_steep, VIOLATES, 1.1, accuracy=1e-7, error=1e-2, place=AT_THE_HORIZON),
+    Case(
+        "steep tenth power",
+        cases.grazing_tenth_steep,
+        VIOLATES,
+        1.1,
+        accuracy=1e-7,
+        error=1e-2,
+        place=AT_THE_HORIZON,
+        slow=True,
+    ),
     Case("inverse square", cases.inverse_square_cosines, VIOLATES, GROWS, text="grows without bound|infinite"),
     Case(
         "ward",
@@ -343,23 +348,32 @@ NOT_FINITE = [
 
 SIZES = [
     Case("to 1e308", cases.fades_in, CONSERVES, 0.9, {"n": (1.0, 1e308)}),
-    Case("both signs to 1e308", cases.hill, VIOLATES, 1.05, {"x": (-1e308, 1e308)}, place={"x": (0.0, 1e304)}),
+    Case("both signs to 1e308", cases.hill, VIOLATES, 1.05, {"x": (-1e308, 1e308)}, place={"x": (1.3e307, 1e305)}),
     Case("down to 1e-308", cases.tiny, CONSERVES, 0.7, {"a": (1e-308, 1e-300)}),
-    Case("an exponent to 1e308", cases.sixteenth, VIOLATES, 1.0016005217, {"n": (1.0, 1e308)}, place=AT_THE_PEAK),
+    Case(
+        "an exponent to 1e308",
+        lambda n: Normalized(BinomialPower(n), Factor(6.0, 24.55)),
+        VIOLATES,
+        1.0016005217,
+        {"n": (1.0, 1e308)},
+        place=AT_THE_PEAK,
+        above=(14.303, 23.056),
+    ),
 ]
 
 SIGNATURES = [
-    Case("three arguments", cases.three_arguments, CONSERVES, 1.0, {"n": (1.0, 50.0)}),
-    Case("three arguments, held", cases.three_arguments, CONSERVES, 1.0, {"n": (3.0, 3.0)}, place={"n": (3.0, 0.0)}),
-    Case("three arguments, bad", cases.three_arguments_bad, VIOLATES, 1.01, {"n": (1.0, 50.0)}, above=(1.0, 50.0)),
-    Case("a default", cases.three_arguments_default, CONSERVES, 1.0),
-    Case("a default over a range", cases.three_arguments_default, CONSERVES, 1.0, {"n": (1.0, 50.0)}),
+    Case("three arguments", cases.three_arguments, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
+    Case("three arguments, held", cases.three_arguments, CONSERVES, 0.9, {"n": (3.0, 3.0)}, place={"n": (3.0, 0.0)}),
+    Case("three arguments, bad", cases.three_arguments_bad, VIOLATES, 1.02, {"n": (1.0, 50.0)}, above=(1.0, 50.0)),
+    Case("a default", cases.three_arguments_default, CONSERVES, 0.9),
+    Case("a default over a range", cases.three_arguments_default, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
+    Case("on the line", cases.normalised_phong, (CONSERVES, UNDECIDED), 1.0, {"n": (1.0, 200.0)}, error=1e-8),
 ]
 
 RESULTS = [
     Case("one number, numpy", cases.numpy_one_number, CONSERVES, 0.2 * math.pi),
     Case("one number", cases.one_number, CONSERVES, 0.2 * math.pi),
-    Case("a list", cases.numpy_list, CONSERVES, 0.2 * math.pi),
+    Case("a list", cases.numpy_list, CONSERVES, 0.2 * math.pi, slow=True),
     Case("time differences", cases.numpy_time_differences, UNDECIDED, math.nan, found=("timedelta64.*not numbers",)),
     Case("dates", cases.numpy_dates, UNDECIDED, math.nan, found=("datetime64.*not numbers",)),
     Case("complex, numpy", cases.numpy_complex, UNDECIDED, math.nan, found=("complex",)),
@@ -370,23 +384,30 @@ RESULTS = [
 ]
 
 CHANNELS = [
-    Case("green", cases.green_glows, VIOLATES, 1.2, text="channel=green"),
-    Case("blue", cases.blue_glows, VIOLATES, 1.0016005217, N, place=AT_THE_PEAK, text="channel=blue", above=(14.303, 23.056)),
-    Case("red, numpy", cases.numpy_red_glows, VIOLATES, 1.1, text="channel=red"),
-    Case("the fourth", cases.four_channels, VIOLATES, 1.25, text="channel=3"),
+    Case("green", cases.green_glows, VIOLATES, 1.2, text="channel=green", channel=(1, 3)),
+    Case(
+        "blue",
+        cases.blue_glows,
+        VIOLATES,
+        1.0016005217,
+        N,
+        place=AT_THE_PEAK,
+        text="channel=blue",
+        above=(14.303, 23.056),
+        channel=(2, 3),
+    ),
+    Case("red, numpy", cases.numpy_red_glows, VIOLATES, 1.1, text="channel=red", channel=(0, 3)),
+    Case("the fourth", cases.four_channels, VIOLATES, 1.25, text="channel=3", channel=(3, 4)),
 ]
 
+# Where the search is not what is tested, it need not look long.
 ALL = [
     *SOUND_IN_EXACT_ARITHMETIC,
     *NARROW,
     *HELD,
     *GRAZING,
-    *BATCHES,
-    *NOT_FINITE,
     *SIZES,
-    *SIGNATURES,
-    *RESULTS,
-    *CHANNELS,
+    *(replace(case, effort="quick") for case in (*BATCHES, *NOT_FINITE, *SIGNATURES, *RESULTS, *CHANNELS)),
 ]
 
 
@@ -406,7 +427,7 @@ def right_albedo(case: Case, report: Report) -> bool:
     "case", [pytest.param(case, id=case.name.replace(" ", "-"), marks=[pytest.mark.slow] * case.slow) for case in ALL]
 )
 def test_case(case: Case) -> None:
-    report = check(case.target, **case.ranges)
+    report = check(case.target, effort=case.effort, **case.ranges)
     text = str(report)
     assert report.verdict in (case.verdict if isinstance(case.verdict, tuple) else (case.verdict,)), text
     assert right_albedo(case, report), text
@@ -418,6 +439,8 @@ def test_case(case: Case) -> None:
     for finding in report.findings:
         assert any(re.search(expression, finding) for expression in case.found), text
         assert "smallest value seen is nan" not in finding
+    assert len(report.findings) == len(case.found), text
+    assert (report.channel, report.channels) == (case.channel if report.points else (None, 1)), text
     assert re.search(case.text, text), text
     if case.above is not None:
         assert report.above is not None
@@ -448,35 +471,14 @@ def test_a_held_parameter_costs_nothing() -> None:
     assert held.ranges == {**free.ranges, "ks": (1.0, 1.0)}
 
 
-def test_nan_everywhere_is_said_once_and_nothing_of_negative_values() -> None:
-    for function in (cases.nan_everywhere, cases.numpy_nan_everywhere):
-        report = check(function)
-        assert len(report.findings) == 1, report.findings
-        assert "everywhere" in report.findings[0]
-        assert "negative" not in str(report)
-
-
-def test_the_failing_channel_is_named() -> None:
-    for function, ranges, channel, count in (
-        (cases.green_glows, {}, 1, 3),
-        (cases.blue_glows, N, 2, 3),
-        (cases.four_channels, {}, 3, 4),
-        (cases.sixteenth, N, None, 1),
-    ):
-        report = check(function, **ranges)
-        assert (report.channel, report.channels) == (channel, count)
-        assert ("channel" in str(report)) is (channel is not None)
-
-
 def test_the_truth_of_a_report() -> None:
     with pytest.raises(AssertionError):
-        assert check(cases.green_glows)
+        assert check(cases.green_glows, effort="quick")
     with pytest.raises(AssertionError, match=r"VIOLATES: albedo 1\.2.*channel=green"):
-        assert_conserves(cases.green_glows)
+        assert_conserves(cases.green_glows, effort="quick")
     with pytest.raises(AssertionError, match="negative"):
-        assert_conserves(cases.negative_throughout)
-    assert check(cases.one_number)
-    assert assert_conserves(cases.three_arguments, n=(1, 50)).verdict is CONSERVES
+        assert_conserves(cases.negative_throughout, effort="quick")
+    assert assert_conserves(cases.one_number, effort="quick")
 
 
 @pytest.mark.parametrize(
@@ -489,7 +491,8 @@ def test_complex_parameters_are_refused(build: Callable[[], Any]) -> None:
 
 
 def test_arguments_need_not_be_called_wi_and_wo() -> None:
-    assert check(lambda light, view, n: cases.three_arguments(light, view, n), n=(1, 50)).albedo == pytest.approx(1, abs=1e-8)
+    report = check(lambda light, view, n: cases.three_arguments(light, view, n), n=(1, 50), effort="quick")
+    assert report.albedo == pytest.approx(0.9, abs=1e-8), str(report)
     with pytest.raises(ValueError, match=r"\bm\b.*\bn\b"):
         check(cases.three_arguments, m=(1, 50))
     with pytest.raises(ValueError, match=r"\bn\b"):
@@ -552,16 +555,14 @@ def file(monkeypatch: pytest.MonkeyPatch) -> str:
             ExitCode.FAILED,
             r"VIOLATES +albedo 1\.0016005217 .*n=17\.8512 ks=1 .*exceeds 1 for n=14\.303\.\.23\.0561",
         ),
-        ("oren_nayar_paint --over roughness=0:1", ExitCode.FAILED, r"VIOLATES +albedo 1\.002489043"),
-        ("ring", ExitCode.FAILED, r"VIOLATES +albedo 1\.2084599222 .*angle=37\.297"),
         ("grazing_power", ExitCode.FAILED, "VIOLATES +albedo grows without bound towards grazing incidence"),
-        ("nan_everywhere", ExitCode.FAILED, "UNDECIDED(.|\n)*NaN everywhere"),
-        ("norm_of_the_batch", ExitCode.FAILED, "VIOLATES +albedo 1.060657848(.|\n)*axis=-1"),
-        ("numpy_outer_product", ExitCode.FAILED, "UNDECIDED(.|\n)*channels follows the number of directions"),
-        ("green_glows", ExitCode.FAILED, "VIOLATES +albedo 1.2.*channel=green"),
-        ("three_arguments --over n=1:50", ExitCode.PASSED, r"CONSERVES +albedo 1\.00000000"),
+        ("nan_everywhere --effort quick", ExitCode.FAILED, "UNDECIDED(.|\n)*NaN everywhere"),
+        ("norm_of_the_batch --effort quick", ExitCode.FAILED, "VIOLATES +albedo 1.060657848(.|\n)*axis=-1"),
+        ("numpy_outer_product --effort quick", ExitCode.FAILED, "UNDECIDED(.|\n)*channels follows the number of directions"),
+        ("green_glows --effort quick", ExitCode.FAILED, "VIOLATES +albedo 1.2.*channel=green"),
+        ("three_arguments --over n=1:50 --effort quick", ExitCode.PASSED, r"CONSERVES +albedo 0\.(90000|89999)"),
         ("ashikhmin_blend", ExitCode.PASSED, r"CONSERVES +albedo 0\.9650759237"),
-        ("numpy_one_number", ExitCode.PASSED, r"CONSERVES +albedo 0\.628318530"),
+        ("numpy_one_number --effort quick", ExitCode.PASSED, r"CONSERVES +albedo 0\.628318530"),
     ],
 )
 def test_the_command(words: str, code: int, said: str, file: str, capsys: pytest.CaptureFixture[str]) -> None:
