@@ -1,0 +1,654 @@
+"""What is easily judged wrongly: verdict, albedo, place, findings, messages and exit codes, each with its right value."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import case_brdfs as cases
+import jax
+import numpy as np
+import pytest
+
+import brdfcheck
+from brdfcheck import cli
+from brdfcheck.cli import ExitCode
+from brdfcheck.factors import Factor, Normalized
+from brdfcheck.family import Family
+from brdfcheck.lobes import BinomialPower, Lambert, Phong
+from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.verdict import Report, Verdict, assert_conserves, check
+
+ROOT = Path(brdfcheck.__file__).parent.parent
+CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
+GROWS = math.inf
+
+
+@pytest.fixture(autouse=True)
+def as_users_have_it():
+    """Users mix types: what the tests forbid is allowed here."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+@dataclass(frozen=True)
+class Case:
+    """What `check` must say of `target` over `ranges`.
+
+    `albedo` is known to +- `accuracy`, and the error bar must hold it; GROWS: without bound, None: not looked at. `error`: the
+    largest error bar that is still useful. `place`: parameters, "cos" and "azimuth" (degrees), with their accuracies. `found`:
+    expressions that must occur in findings, a finding each; any other finding is wrong. `channel`: which one, of how many.
+    """
+
+    name: str
+    target: Any
+    verdict: Verdict | tuple[Verdict, ...]
+    albedo: float | None
+    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
+    accuracy: float = 1e-9
+    error: float = 1e-6
+    place: dict[str, tuple[float, float]] = field(default_factory=dict)
+    found: tuple[str, ...] = ()
+    text: str = ""
+    anisotropic: bool = False
+    above: tuple[float, float] | None = None
+    channel: tuple[int | None, int] = (None, 1)
+    effort: str = "normal"
+    slow: bool = False
+
+
+N = {"n": (1.0, 1000.0)}
+AT_THE_PEAK = {"n": (17.8512, 2e-3), "cos": (1.0, 1e-6)}
+SINC = 2 * (2 - math.cos(math.sqrt(2)) - math.sqrt(2) * math.sin(math.sqrt(2)))
+S2 = (0.33 - 0.09 * math.sqrt(0.165 / 0.02025)) / (math.sqrt(0.165 / 0.02025) - 1)
+OREN_NAYAR = 1 - 0.5 * S2 / (S2 + 0.33) + 0.225 * S2 / (S2 + 0.09)
+NAN = r"\bNaN\b|not a number|not finite"
+A_PLACE = r"wi=\(.*\), wo=\("
+BATCH = "one by one"
+
+SOUND_IN_EXACT_ARITHMETIC = [
+    Case(
+        "ashikhmin-shirley, one",
+        lambda wi, wo: cases.ashikhmin_shirley(100.0, 1000.0, 1.0)(wi, wo),
+        CONSERVES,
+        0.9785117893212102,
+        error=1e-5,
+        place={"cos": (1.0, 1e-3)},
+        anisotropic=True,
+        slow=True,
+    ),
+    Case(
+        "ashikhmin-shirley",
+        cases.ashikhmin_shirley,
+        CONSERVES,
+        0.9785117893212102,
+        {"nu": (100.0, 100.0), "nv": (10.0, 1000.0), "rs": (1.0, 1.0)},
+        error=1e-5,
+        place={"nv": (1000.0, 1e-6), "cos": (1.0, 1e-3)},
+        anisotropic=True,
+        slow=True,
+    ),
+    Case("ashikhmin's blend", cases.ashikhmin_blend, CONSERVES, 0.9650759236866653, place={"cos": (1.0, 1e-6)}),
+    Case(
+        "ggx in float32",
+        cases.ggx_in_single_precision,
+        VIOLATES,
+        1.0146,
+        {"roughness": (0.05, 1.0)},
+        accuracy=1e-3,
+        error=0.01,
+        place={"roughness": (0.05, 1e-3)},
+        slow=True,
+    ),
+    Case("numpy, writes over wo", cases.numpy_overwrites_wo, CONSERVES, 0.6, place={"cos": (1.0, 1e-6)}),
+    Case("numpy, writes over wi", cases.numpy_overwrites_wi, CONSERVES, 0.6, place={"cos": (1.0, 1e-6)}),
+]
+
+NARROW = [
+    Case(
+        "oren-nayar paint",
+        cases.oren_nayar_paint,
+        VIOLATES,
+        0.9875 * OREN_NAYAR,
+        {"roughness": (0.0, 1.0)},
+        place={"roughness": (math.sqrt(S2) / math.pi, 1e-4), "cos": (0.0, 1e-3)},
+    ),
+    Case(
+        "oren-nayar white",
+        cases.oren_nayar,
+        VIOLATES,
+        OREN_NAYAR,
+        {"roughness": (0.0, 1.0)},
+        place={"roughness": (math.sqrt(S2) / math.pi, 1e-4), "cos": (0.0, 1e-3)},
+    ),
+    Case(
+        "clear coat, held",
+        cases.coated,
+        VIOLATES,
+        1.0010243492,
+        {"clearcoat": (1.0, 1.0), "coat_roughness": (0.05, 1.0), "roughness": (0.05, 0.05)},
+        place={"coat_roughness": (0.2990, 1e-4), "cos": (0.60473, 1e-4)},
+    ),
+    Case(
+        "clear coat, narrowed",
+        cases.coated,
+        VIOLATES,
+        1.0010243492,
+        {"clearcoat": (1.0, 1.0), "coat_roughness": (0.2, 0.4), "roughness": (0.05, 0.05)},
+        place={"coat_roughness": (0.2990, 1e-4), "cos": (0.60473, 1e-4)},
+        slow=True,
+    ),
+    Case(
+        "clear coat",
+        cases.coated,
+        VIOLATES,
+        1.0010243492,
+        {"clearcoat": (0.0, 1.0), "coat_roughness": (0.05, 1.0), "roughness": (0.05, 1.0)},
+        place={"clearcoat": (1, 1e-4), "coat_roughness": (0.2990, 1e-4), "roughness": (0.05, 1e-4), "cos": (0.60473, 1e-4)},
+        slow=True,
+    ),
+    Case(
+        "bump",
+        cases.bump_at_ten_degrees,
+        VIOLATES,
+        1.1464505965,
+        place={"cos": (math.cos(math.radians(10.177246783)), 1e-5)},
+        found=("not reciprocal.*" + A_PLACE,),
+    ),
+    Case("ring", cases.ring, VIOLATES, 1.208459922230372, place={"cos": (0.7955, 1e-4)}),
+    Case(
+        "band",
+        cases.band_of_twelve_degrees,
+        VIOLATES,
+        1.3029720327568846,
+        error=1e-4,
+        place={"cos": (math.cos(math.radians(14.0076)), 1e-3)},
+        slow=True,
+    ),
+]
+
+HELD = [
+    Case("one parameter", cases.sixteenth, VIOLATES, 1.0016005217, N, place=AT_THE_PEAK, above=(14.303, 23.056)),
+    Case(
+        "two that take away",
+        cases.sixteenth_f90,
+        VIOLATES,
+        1.0016005217,
+        {**N, "ks": (0.0, 1.0), "f90": (0.0, 1.0)},
+        place={**AT_THE_PEAK, "ks": (1, 1e-6), "f90": (0, 1e-6)},
+    ),
+    Case(
+        "three that take away",
+        cases.sixteenth_dull,
+        VIOLATES,
+        1.0016005217,
+        {**N, "ks": (0.0, 1.0), "f90": (0.0, 1.0), "dull": (0.0, 1.0)},
+        place={**AT_THE_PEAK, "ks": (1, 1e-6), "f90": (0, 1e-6), "dull": (0, 1e-6)},
+    ),
+    Case(
+        "brushed",
+        cases.brushed,
+        VIOLATES,
+        10.0,
+        {"weight": (0.0, 1.0), "f0": (0.0, 1.0), "ax": (0.01, 1.0), "ay": (0.01, 1.0)},
+        accuracy=1e-7,
+        place={"weight": (1, 1e-6), "f0": (1, 1e-6), "ax": (1, 1e-6), "ay": (0.01, 1e-6), "cos": (0, 1e-6)},
+        anisotropic=True,
+        slow=True,
+    ),
+    Case(
+        "tinted metal",
+        cases.tinted_metal,
+        (CONSERVES, UNDECIDED),  # the largest albedo is 1 itself
+        1.0,
+        {"specular_weight": (0.0, 1.0), "f0": (0.0, 1.0), "tint": (0.0, 1.0), "alpha": (0.05, 1.0)},
+        found=("negative: the smallest value seen is -.*specular_weight=.*" + A_PLACE,),
+        slow=True,
+    ),
+    Case(
+        "tinted metal in the dark",
+        cases.tinted_metal_in_the_dark,
+        (CONSERVES, UNDECIDED),
+        1.0,
+        {"f0": (0.0, 1.0), "tint": (0.0, 1.0), "alpha": (0.05, 1.0)},
+        found=("negative: the smallest value seen is -.*f0=.*" + A_PLACE,),
+        slow=True,
+    ),
+    Case(
+        "dark tinted metal, one",
+        lambda wi, wo: cases.tinted_metal(1.0, 0.0, 0.0, 0.05)(wi, wo),
+        (CONSERVES, UNDECIDED),
+        None,
+        found=("negative: the smallest value seen is -.*" + A_PLACE,),
+    ),
+    Case(
+        "rough gloss",
+        cases.rough_gloss,
+        VIOLATES,
+        52.90213219035276,
+        {"kd": (0.0, 1.0), "ks": (0.0, 1.0), "u": (0.01, 1.0), "v": (0.01, 1.0)},
+        accuracy=1e-6,
+        error=1e-4,
+        place={"ks": (1, 1e-6), "u": (0.01, 1e-6), "v": (0.01, 1e-6), "cos": (0, 1e-6)},
+        anisotropic=True,
+        slow=True,
+    ),
+]
+
+AT_THE_HORIZON = {"cos": (0.0, 1e-6)}
+GRAZING = [
+    Case("fourth root", cases.grazing_root, VIOLATES, 1.0028724373, place=AT_THE_HORIZON),
+    Case("tenth power", cases.grazing_tenth, VIOLATES, 1.0017317971, accuracy=1e-7, error=1e-4, place=AT_THE_HORIZON),
+    Case("power", cases.grazing_power, VIOLATES, GROWS, place=AT_THE_HORIZON, text="grows without bound"),
+    # Above the line by 4e-9: the error bar must be smaller, or the verdict cannot be understood.
+    Case("ggx", cases.grazing_ggx, VIOLATES, 1.000000005, {"scale": (1.000000005,) * 2}, error=4e-9, place=AT_THE_HORIZON),
+    Case("lommel-seeliger", cases.lommel_seeliger, VIOLATES, 1 + 1e-8, error=9e-9, place=AT_THE_HORIZON),
+    Case("square root", cases.grazing_square_root, VIOLATES, 1.00001, place=AT_THE_HORIZON),
+    Case(
+        "steep tenth power",
+        cases.grazing_tenth_steep,
+        VIOLATES,
+        1.1,
+        accuracy=1e-7,
+        error=1e-2,
+        place=AT_THE_HORIZON,
+        slow=True,
+    ),
+    Case("inverse square", cases.inverse_square_cosines, VIOLATES, GROWS, text="grows without bound|infinite"),
+    Case(
+        "ward",
+        cases.ward,
+        VIOLATES,
+        GROWS,
+        {"ax": (0.1, 0.1), "ay": (0.1, 0.6)},
+        place=AT_THE_HORIZON,
+        text="grows without bound",
+        anisotropic=True,
+        slow=True,
+    ),
+    Case(
+        "ward, held",
+        cases.ward,
+        VIOLATES,
+        GROWS,
+        {"ax": (0.1, 0.1), "ay": (0.6, 0.6)},
+        place=AT_THE_HORIZON,
+        text="grows without bound",
+        anisotropic=True,
+    ),
+    Case(
+        "pole",
+        cases.compensated,
+        VIOLATES,
+        GROWS,
+        {"pr": (0.0, 1.0), "f0": (0.0, 1.0)},
+        found=("not reciprocal.*" + A_PLACE, "negative.*" + A_PLACE),
+        text="grows without bound|infinite",
+    ),
+]
+
+BATCHES = [
+    Case("norm", cases.norm_of_the_batch, VIOLATES, 560.02734375 / 528, found=(f"{BATCH}.*axis=-1",)),
+    Case("norm, meant", cases.norm_of_each, VIOLATES, 560.02734375 / 528),
+    Case("norm, numpy", cases.numpy_norm_of_the_batch, (UNDECIDED, VIOLATES), None, found=(f"{BATCH}.*axis=-1",)),
+    Case("largest", cases.largest_of_the_batch, (UNDECIDED, VIOLATES), None, found=(f"{BATCH}.*(maximum|largest)", NAN)),
+    Case(
+        "largest, numpy", cases.numpy_largest_of_the_batch, (UNDECIDED, VIOLATES), None, found=(f"{BATCH}.*(maximum|largest)",)
+    ),
+    Case("running mean", cases.running_mean, (UNDECIDED, CONSERVES), None, found=(f"{BATCH}|order",)),
+    Case("running mean, numpy", cases.numpy_running_mean, (UNDECIDED, CONSERVES), None, found=(f"{BATCH}|order",)),
+    Case("number", cases.divided_by_their_number, CONSERVES, 0.9, found=(f"{BATCH}.*(number of directions|len|mean)",)),
+    Case(
+        "number, numpy",
+        cases.numpy_divided_by_their_number,
+        (UNDECIDED, CONSERVES),
+        None,
+        found=(f"{BATCH}.*(number of directions|len|mean)",),
+    ),
+    Case("random, numpy", cases.numpy_random, UNDECIDED, None, found=("random|state",)),
+    Case("random while traced", cases.random_while_traced, (UNDECIDED, CONSERVES), None, found=("random",)),
+    Case("counting, numpy", cases.numpy_counting(), UNDECIDED, None, found=("state",)),
+    Case("all pairs", cases.outer_product, UNDECIDED, None, found=(r"channels.*sum\(wi \* wo, axis=-1\)",)),
+]
+
+NOT_FINITE = [
+    Case("nan", cases.nan_everywhere, UNDECIDED, math.nan, found=("NaN",)),
+    Case("nan, numpy", cases.numpy_nan_everywhere, UNDECIDED, math.nan, found=("NaN",)),
+    Case(
+        "0/0 at the mirror",
+        lambda wi, wo: cases.zero_by_zero_at_the_mirror(0.9)(wi, wo),
+        CONSERVES,
+        0.9 * SINC,
+        place={"cos": (1.0, 1e-6)},
+        found=(f"{NAN}.*{A_PLACE}",),
+    ),
+    Case(
+        "0/0 at the mirror, a family",
+        cases.zero_by_zero_at_the_mirror,
+        VIOLATES,
+        1.2 * SINC,
+        {"scale": (0.1, 1.2)},
+        place={"cos": (1.0, 1e-6), "scale": (1.2, 1e-6)},
+        found=(f"{NAN}.*scale=.*{A_PLACE}",),
+    ),
+    Case("0/0 at the normal", cases.zero_by_zero_at_the_normal, CONSERVES, 0.5, found=(rf"{NAN}.*wi=\(0, 0, 1\), wo=\(",)),
+    Case("infinite at the mirror", cases.infinite_at_the_mirror, CONSERVES, 0.4, found=(f"[Ii]nf.*{A_PLACE}",)),
+    Case("glows but for the mirror", cases.glows_but_for_the_mirror, VIOLATES, 1.3, found=(f"{NAN}.*{A_PLACE}",)),
+    Case("negative", cases.negative_throughout, UNDECIDED, -0.1 * math.pi, found=(r"negative.*-0\.1 / sr.*" + A_PLACE,)),
+]
+
+SIZES = [
+    Case("to 1e308", cases.fades_in, CONSERVES, 0.9, {"n": (1.0, 1e308)}),
+    Case("both signs to 1e308", cases.hill, VIOLATES, 1.05, {"x": (-1e308, 1e308)}, place={"x": (1.3e307, 1e305)}),
+    Case("down to 1e-308", cases.tiny, CONSERVES, 0.7, {"a": (1e-308, 1e-300)}),
+    Case(
+        "an exponent to 1e308",
+        lambda n: Normalized(BinomialPower(n), Factor(6.0, 24.55)),
+        VIOLATES,
+        1.0016005217,
+        {"n": (1.0, 1e308)},
+        place=AT_THE_PEAK,
+        above=(14.303, 23.056),
+    ),
+]
+
+SIGNATURES = [
+    Case("three arguments", cases.three_arguments, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
+    Case("three arguments, held", cases.three_arguments, CONSERVES, 0.9, {"n": (3.0, 3.0)}, place={"n": (3.0, 0.0)}),
+    Case("three arguments, bad", cases.three_arguments_bad, VIOLATES, 1.02, {"n": (1.0, 50.0)}, above=(1.0, 50.0)),
+    Case("a default", cases.three_arguments_default, CONSERVES, 0.9),
+    Case("a default over a range", cases.three_arguments_default, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
+    Case("on the line", cases.normalised_phong, (CONSERVES, UNDECIDED), 1.0, {"n": (1.0, 200.0)}, error=1e-8),
+]
+
+RESULTS = [
+    Case("one number, numpy", cases.numpy_one_number, CONSERVES, 0.2 * math.pi),
+    Case("one number", cases.one_number, CONSERVES, 0.2 * math.pi),
+    Case("a list", cases.numpy_list, CONSERVES, 0.2 * math.pi, slow=True),
+    Case("time differences", cases.numpy_time_differences, UNDECIDED, math.nan, found=("timedelta64.*not numbers",)),
+    Case("dates", cases.numpy_dates, UNDECIDED, math.nan, found=("datetime64.*not numbers",)),
+    Case("complex, numpy", cases.numpy_complex, UNDECIDED, math.nan, found=("complex",)),
+    Case("complex", cases.complex_traced, UNDECIDED, math.nan, found=("complex",)),
+    Case("objects", cases.numpy_objects, UNDECIDED, math.nan, found=("object",)),
+    Case("words", cases.numpy_words, UNDECIDED, math.nan, found=("not numbers",)),
+    Case("nothing", cases.returns_nothing, UNDECIDED, math.nan, found=("returned (None|NoneType|nothing)",)),
+]
+
+CHANNELS = [
+    Case("green", cases.green_glows, VIOLATES, 1.2, text="channel=green", channel=(1, 3)),
+    Case(
+        "blue",
+        cases.blue_glows,
+        VIOLATES,
+        1.0016005217,
+        N,
+        place=AT_THE_PEAK,
+        text="channel=blue",
+        above=(14.303, 23.056),
+        channel=(2, 3),
+    ),
+    Case("red, numpy", cases.numpy_red_glows, VIOLATES, 1.1, text="channel=red", channel=(0, 3)),
+    Case("the fourth", cases.four_channels, VIOLATES, 1.25, text="channel=3", channel=(3, 4)),
+]
+
+# Where the search is not what is tested, it need not look long.
+ALL = [
+    *SOUND_IN_EXACT_ARITHMETIC,
+    *NARROW,
+    *HELD,
+    *GRAZING,
+    *SIZES,
+    *(replace(case, effort="quick") for case in (*BATCHES, *NOT_FINITE, *SIGNATURES, *RESULTS, *CHANNELS)),
+]
+
+
+def measured(report: Report, name: str) -> float:
+    return report.cos_theta if name == "cos" else report.parameters[name]
+
+
+def right_albedo(case: Case, report: Report) -> bool:
+    if case.albedo is None:
+        return True
+    if not math.isfinite(case.albedo):
+        return str(report.albedo) == str(case.albedo)
+    return abs(report.albedo - case.albedo) <= report.error + case.accuracy and report.error <= case.error
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, id=case.name.replace(" ", "-"), marks=[pytest.mark.slow] * case.slow) for case in ALL]
+)
+def test_case(case: Case) -> None:
+    report = check(case.target, effort=case.effort, **case.ranges)
+    text = str(report)
+    assert report.verdict in (case.verdict if isinstance(case.verdict, tuple) else (case.verdict,)), text
+    assert right_albedo(case, report), text
+    for name, (value, accuracy) in case.place.items():
+        assert abs(measured(report, name) - value) <= accuracy, text
+    assert report.anisotropic is case.anisotropic, text
+    for expression in case.found:
+        assert any(re.search(expression, finding) for finding in report.findings), (expression, text)
+    for finding in report.findings:
+        assert any(re.search(expression, finding) for expression in case.found), text
+        assert "smallest value seen is nan" not in finding
+    assert len(report.findings) == len(case.found), text
+    assert (report.channel, report.channels) == (case.channel if report.points else (None, 1)), text
+    assert re.search(case.text, text), text
+    if case.above is not None:
+        assert report.above is not None
+        assert report.above == (pytest.approx(case.above, abs=1e-3),), text
+    assert report.passed is bool(report) is (report.verdict is CONSERVES and not case.found), text
+
+
+# --- what a table cannot say ---
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
+def test_rounding_is_no_anisotropy(roughness: float) -> None:
+    assert not PointwiseAlbedo(Family("ggx", lambda: cases.ggx_in_single_precision(roughness))).anisotropic
+
+
+def test_the_axes_of_a_brushed_surface_need_not_be_those_of_the_box() -> None:
+    ranges = {"weight": (0.0, 1.0), "f0": (0.0, 1.0), "ax": (0.01, 1.0), "ay": (0.01, 1.0)}
+    assert PointwiseAlbedo(Family("brushed", cases.brushed, ranges)).anisotropic
+    held = {**ranges, "ax": (0.1, 0.1), "ay": (0.1, 0.1)}
+    assert not PointwiseAlbedo(Family("brushed", cases.brushed, held)).anisotropic
+
+
+def test_a_held_parameter_costs_nothing() -> None:
+    free, held = check(cases.sixteenth, **N), check(cases.sixteenth_ks, **N, ks=(1.0, 1.0))
+    for name in ("verdict", "albedo", "error", "cos_theta", "above", "evaluations", "points", "climbs", "width", "basis"):
+        assert getattr(held, name) == getattr(free, name), name
+    assert held.parameters == {**free.parameters, "ks": 1.0}
+    assert held.ranges == {**free.ranges, "ks": (1.0, 1.0)}
+
+
+def test_the_truth_of_a_report() -> None:
+    with pytest.raises(AssertionError):
+        assert check(cases.green_glows, effort="quick")
+    with pytest.raises(AssertionError, match=r"VIOLATES: albedo 1\.2.*channel=green"):
+        assert_conserves(cases.green_glows, effort="quick")
+    with pytest.raises(AssertionError, match="negative"):
+        assert_conserves(cases.negative_throughout, effort="quick")
+    assert assert_conserves(cases.one_number, effort="quick")
+
+
+@pytest.mark.parametrize(
+    "build",
+    [lambda: Phong(1 + 5j), lambda: Lambert(0.5 + 2j), lambda: Phong(np.complex64(3)), lambda: Lambert(np.array([0.1, 1j]))],
+)
+def test_complex_parameters_are_refused(build: Callable[[], Any]) -> None:
+    with pytest.raises((TypeError, ValueError), match=r"complex|real"):
+        build()
+
+
+def test_arguments_need_not_be_called_wi_and_wo() -> None:
+    report = check(lambda light, view, n: cases.three_arguments(light, view, n), n=(1, 50), effort="quick")
+    assert report.albedo == pytest.approx(0.9, abs=1e-8), str(report)
+    with pytest.raises(ValueError, match=r"\bm\b.*\bn\b"):
+        check(cases.three_arguments, m=(1, 50))
+    with pytest.raises(ValueError, match=r"\bn\b"):
+        check(cases.three_arguments)
+
+
+def test_a_long_search_says_how_far_it_is() -> None:
+    said: list[tuple[int, float]] = []
+    check(cases.sixteenth, **N, watch=lambda points, best: said.append((points, best)))
+    assert len(said) > 10
+    assert [points for points, _ in said] == sorted(points for points, _ in said)
+    assert said[-1][1] == pytest.approx(1.0016005217, abs=1e-6)
+    assert said[len(said) // 2][0] < 0.9 * said[-1][0]
+
+
+MEMORY = """
+    import resource, sys
+    import case_brdfs
+    import brdfcheck
+    resource.setrlimit(resource.RLIMIT_AS, (12 << 30, 12 << 30))  # so that a fault ends this process and no other
+    brdfcheck.use_x64()
+    report = brdfcheck.check(getattr(case_brdfs, sys.argv[1]), effort=sys.argv[2])
+    print(report)
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="measures memory as Linux does")
+@pytest.mark.parametrize(
+    ("name", "effort", "said"),
+    [
+        ("outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
+        ("numpy_outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
+        pytest.param("numpy_pairs_within", "quick", "CONSERVES: albedo 0.628318", marks=pytest.mark.slow),
+    ],
+)
+def test_all_pairs_take_little_memory(name: str, effort: str, said: str) -> None:
+    command = [sys.executable, "-c", textwrap.dedent(MEMORY), name, effort]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.search(said, done.stdout), done.stdout
+    assert int(done.stdout.split()[-1]) < 2 << 30
+
+
+# --- the command line ---
+
+
+@pytest.fixture
+def file(monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return cases.__file__
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (
+            "sixteenth_ks --over n=1:1000 --over ks=1",
+            ExitCode.FAILED,
+            r"VIOLATES +albedo 1\.0016005217 .*n=17\.8512 ks=1 .*exceeds 1 for n=14\.303\.\.23\.0561",
+        ),
+        ("grazing_power", ExitCode.FAILED, "VIOLATES +albedo grows without bound towards grazing incidence"),
+        ("nan_everywhere --effort quick", ExitCode.FAILED, "UNDECIDED(.|\n)*NaN everywhere"),
+        ("norm_of_the_batch --effort quick", ExitCode.FAILED, "VIOLATES +albedo 1.060657848(.|\n)*axis=-1"),
+        ("numpy_outer_product --effort quick", ExitCode.FAILED, "UNDECIDED(.|\n)*channels follows the number of directions"),
+        ("green_glows --effort quick", ExitCode.FAILED, "VIOLATES +albedo 1.2.*channel=green"),
+        ("three_arguments --over n=1:50 --effort quick", ExitCode.PASSED, r"CONSERVES +albedo 0\.(90000|89999)"),
+        ("ashikhmin_blend", ExitCode.PASSED, r"CONSERVES +albedo 0\.9650759237"),
+        ("numpy_one_number --effort quick", ExitCode.PASSED, r"CONSERVES +albedo 0\.628318530"),
+    ],
+)
+def test_the_command(words: str, code: int, said: str, file: str, capsys: pytest.CaptureFixture[str]) -> None:
+    target, *options = words.split()
+    found = cli.run(["check", f"{file}:{target}", *options])
+    out = capsys.readouterr().out
+    assert (found, bool(re.search(said, out))) == (code, True), out
+
+
+def test_the_record_names_the_channel_and_the_interval(file: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["check", f"{file}:blue_glows", "--over", "n=1:1000", "--json", "-"]) == ExitCode.FAILED
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    assert result["verdict"] == "VIOLATES"
+    assert result["above"] == [pytest.approx([14.303, 23.056], abs=1e-3)]
+    assert result["channel"] in (2, "blue")
+
+
+SWEEP = """
+    brdf = "mine.py:{name}"
+    [axes]
+    n = [1, 2]
+    cos_theta = [0.5, 1]
+"""
+MINE = """
+    import jax.numpy as jnp
+
+    def nan(n):
+        return lambda wi, wo: n * jnp.nan * wi[..., 2]
+
+    def grey(n):
+        return lambda wi, wo: 0.3 / n + 0 * wi[..., 2]
+"""
+
+
+@pytest.fixture
+def sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str], int]:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(textwrap.dedent(MINE))
+
+    def run(name: str, out: str) -> int:
+        Path("config.toml").write_text(textwrap.dedent(SWEEP.format(name=name)))
+        return cli.run(["sweep", "config.toml", "--out", out])
+
+    return run
+
+
+def test_a_sweep_without_a_number_fails(sweep: Callable[[str, str], int], capsys: pytest.CaptureFixture[str]) -> None:
+    assert sweep("nan", "nan.zarr") == ExitCode.FAILED
+    out = capsys.readouterr().out
+    assert "all 4 albedos are not a number" in out
+    assert "complete" not in out
+    assert sweep("grey", "grey.zarr") == ExitCode.PASSED
+    assert "complete" in capsys.readouterr().out
+
+
+def test_a_sweep_makes_no_parents_of_its_folder(sweep: Callable[[str, str], int], capsys: pytest.CaptureFixture[str]) -> None:
+    assert sweep("grey", "no/such/folder.zarr") == ExitCode.USAGE_ERROR
+    assert "does not exist" in capsys.readouterr().err
+    assert not Path("no").exists()
+
+
+def test_a_study_refuses_its_folder_before_it_computes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("here")
+    monkeypatch.setattr("brdfcheck.studies.record_of", None)  # nothing may be computed
+    assert cli.run(["study", "limit", "--out", str(tmp_path / "file" / "reports")]) == ExitCode.USAGE_ERROR
+    assert "--out" in capsys.readouterr().err
+
+
+BUDGET = """
+    size = 16
+    [matters]
+    pixel = "1/255"
+    [material]
+    kind = "surface"
+    terms = [{ brdf = "lambert", tint = [0.6, 0.3, 0.1] }, { brdf = "blinn-phong", tint = 0.1, n = 30 }]
+    [[lights]]
+    kind = "ambient"
+    intensity = 0.3
+"""
+
+
+def test_a_scene_of_a_budget_can_be_rendered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, picture = tmp_path / "scene.toml", tmp_path / "scene.png"
+    scene.write_text(textwrap.dedent(BUDGET))
+    assert cli.run(["render", str(scene), "-o", str(picture)]) == ExitCode.PASSED, capsys.readouterr().err
+    assert picture.read_bytes()[:4] == b"\x89PNG"
