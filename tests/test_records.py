@@ -11,12 +11,12 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from brdfcheck.side_checks import SideChecks
 from hypothesis import given
 from hypothesis import strategies as st
 
 from brdfcheck import records
 from brdfcheck.verdict import Report, Verdict
+from brdfcheck.verdict.side_checks import SideChecks
 
 SIDE = SideChecks(0.0, -0.1, 2, 10, True, False)
 REPORT = Report(

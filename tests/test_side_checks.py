@@ -5,13 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brdfcheck.side_checks import SideChecks, direction_pairs, side_checks
 
 from brdfcheck.factors import Factor, Normalized, PerCosine, PhongExact
 from brdfcheck.family import Family
 from brdfcheck.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.microfacet import GGX
 from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.verdict.side_checks import SideChecks, direction_pairs, side_checks
 
 
 def checked(brdf, worst: dict | None = None, **ranges) -> SideChecks:

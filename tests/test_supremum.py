@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from brdfcheck.supremum import Supremum, supremum
 
 from brdfcheck.factors import Factor, Normalized, PerCosine
 from brdfcheck.family import Family
 from brdfcheck.lobes import BinomialPower, BlinnPhong, Phong
 from brdfcheck.microfacet import CookTorrance
 from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.verdict.supremum import Supremum, supremum
 
 Surface = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
