@@ -198,7 +198,7 @@ class PointwiseAlbedo:
         value = np.zeros((2, len(mu), evaluator.channels or 1))
         for first in range(0, len(cosines), most):
             points = np.flatnonzero((which >= first) & (which < first + most))
-            if evaluator.slow:
+            if evaluator.slow and self.swept:
                 points = points[np.lexsort(parameters[points].T[::-1])]
             tables = [_in_blocks(*rule(cosines[first : first + most])) for rule in rules]
             wo, weight = (np.concatenate([table[i] for table in tables], axis=1) for i in range(2))

@@ -26,8 +26,10 @@ Function = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 _TRIALS = np.array([1.0, 0.3, 3.0, 9.0])
 # A stencil that leaves less than this part of its arm inside the box is folded back into it.
 _FOLD = 0.3
-# Differences of values below this many of their uncertainties say nothing.
-_NOISE = 4.0
+# Differences of values below this part of their error bars say nothing; a stencil that sees no others is made larger first,
+# so many times and up to that size. (Error bars are wide: neighbouring values err alike.)
+_NOISE = 0.1
+_LARGER, _LARGEST = 3, 0.02
 
 
 @dataclass
@@ -84,7 +86,7 @@ def climb(
         state.settled[:] = True
         return state
     curvature = np.full((count, dimension), np.nan)
-    quiet = np.zeros(count, int)
+    quiet, grown = np.zeros(count, int), np.zeros(count, int)
     active = np.isfinite(state.values)
     for _ in range(rounds):
         check()
@@ -120,12 +122,15 @@ def climb(
         promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
         state.gaps[which] = promised + np.maximum(top - before, 0)
         scale = np.maximum(np.abs(state.values[which]), 1)
-        flat = model.spread <= _NOISE * np.maximum(state.errors[which], 1e-15 * scale)
-        quiet[which] = np.where(state.gaps[which] <= goal * scale, quiet[which] + 1, 0)
+        flat = model.spread <= np.maximum(_NOISE * state.errors[which], 4e-15 * scale)
+        small_stencil = flat & (radius < _LARGEST) & (grown[which] < _LARGER)
+        flat &= ~small_stencil
+        grown[which] += small_stencil
+        quiet[which] = np.where((state.gaps[which] <= goal * scale) & ~small_stencil, quiet[which] + 1, 0)
         state.gaps[which] = np.where(flat, np.minimum(state.gaps[which], model.spread), state.gaps[which])
         state.settled[which] = flat | (quiet[which] >= calm)
         shrunk = np.where(improved, np.clip(1.5 * moved, radius / 6, 3 * radius), radius / 5)
-        state.radii[which] = np.minimum(shrunk, 0.25)
+        state.radii[which] = np.minimum(np.where(small_stencil, 5 * radius, shrunk), 0.25)
         small = state.radii[which] < smallest
         active[which] = ~(state.settled[which] | small)
     return state

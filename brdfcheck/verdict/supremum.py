@@ -35,6 +35,8 @@ _POINTS = (4096, 8192, 8192, 12288)
 # Values of the cosine in a scan of a function.
 _COSINES = 513
 _STARTS = 40
+# Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
+_LINE, _RIVALS = 1025, 24
 # Into how many parts the angles are divided, each with its share of the starts.
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many by the rule of the verdict.
@@ -182,6 +184,7 @@ class _Search:
         self.straighten()
         self.tell()
         self.ascend(fresh, _STARTS)
+        self.rivals()
         self.graze()
         for again in range(4):
             before = self.best
@@ -192,11 +195,14 @@ class _Search:
             self.scanned = self.scanned.joined(fresh)
             self.tell()
             self.ascend(fresh, _STARTS // 4)
+            if self.best > before:
+                self.rivals()
             self.settled = not self.best > before + 1e-7 * max(1, abs(before))
             if self.settled or self.unbounded is not None:
                 break
         self.rest()
-        return self.answer(count)
+        self.tighten()
+        return self.answer()
 
     def cosines(self) -> int:
         return max(int(_COSINES * min(1, 2 * self.scale)), 257)
@@ -295,8 +301,11 @@ class _Search:
 
     def ascend(self, points: _Points, most: int) -> None:
         """Climb from the best points, rule after rule, and confirm where the climbs end."""
+        self.follow(points, self.starts(points, max(int(most * min(1, 2 * self.scale)), 8)))
+
+    def follow(self, points: _Points, chosen: np.ndarray) -> None:
+        """Climb from some of the points."""
         dimension = self.box.dimension
-        chosen = self.starts(points, max(int(most * min(1, 2 * self.scale)), 8))
         if not chosen.size:
             return
         self.climbs += len(chosen)
@@ -337,6 +346,29 @@ class _Search:
         reach = points.values + points.errors
         higher = np.flatnonzero((points.levels == self.albedo.levels - 1) & (reach > self.best + 1e-9))
         self.confirm(points.places[higher[np.argsort(-reach[higher])][: int(_CONFIRMED * self.scale)]])
+
+    def rivals(self) -> None:
+        """Climb from the crests that lines through the winner, along each axis, go over."""
+        finite = np.isfinite(self.confirmed.values)
+        if not np.any(finite) or not self.box.dimension or self.unbounded is not None:
+            return
+        winner = self.confirmed.places[int(np.argmax(np.where(finite, self.confirmed.values, -np.inf)))]
+        along = np.linspace(0, 1, max(int(_LINE * self.scale), 65))
+        lines = np.tile(winner, (self.box.dimension, len(along), 1))
+        for axis in range(self.box.dimension):
+            lines[axis, :, axis] = along
+        value, error = self.estimate(0, lines.reshape(-1, self.box.dimension))
+        height = np.pad(value.reshape(len(lines), -1), ((0, 0), (1, 1)), constant_values=-np.inf)
+        crest = (height[:, 1:-1] > height[:, :-2]) & (height[:, 1:-1] >= height[:, 2:])
+        crest &= np.abs(along - winner[:, None]) > 1.5 / len(along)
+        # How high a crest is between the points of its line: by a parabola.
+        before, middle, after = height[:, :-2], height[:, 1:-1], height[:, 2:]
+        with np.errstate(all="ignore"):
+            bend = before - 2 * middle + after
+            top = np.where(np.isfinite(bend) & (bend < 0), middle - (after - before) ** 2 / (8 * bend), middle).ravel()
+        tops = np.flatnonzero(crest.ravel() & (top > self.best - 2e-2 * max(1, abs(self.best))))
+        found = _Points(lines.reshape(-1, self.box.dimension), value, error, np.zeros(len(value), int))
+        self.follow(found, tops[np.argsort(-top[tops])][:_RIVALS])
 
     def distinct(self, ends: Climbs, doubt: np.ndarray, most: int) -> np.ndarray:
         """The highest climbs, one for each place: by what they may be and by what they are at least, in turn."""
@@ -385,7 +417,7 @@ class _Search:
                 places[worth],
                 np.clip(10 * ends.radii[worth], 1e-4, 2e-3),
                 goal=2e-11 if smooth else 1e-8,
-                rounds=8 if smooth else 3,
+                rounds=8 if smooth else 6,
                 smallest=1e-9,
                 mixed=ends.mixed[worth],
                 calm=1,
@@ -615,7 +647,28 @@ class _Search:
 
     # --- the answer ---
 
-    def answer(self, count: int) -> Supremum:
+    def tighten(self) -> None:
+        """More digits for places that are as high as the winner only by their own error."""
+        if self.albedo.fast or self.unbounded is not None:
+            return
+        confirmed = self.confirmed
+        for _ in range(2):
+            finite = np.isfinite(confirmed.values)
+            if not np.any(finite):
+                return
+            top = int(np.argmax(np.where(finite, confirmed.values - confirmed.errors, -np.inf)))
+            reach = np.where(finite, confirmed.values + confirmed.errors, -np.inf)
+            loose = np.flatnonzero((reach > reach[top]) & (confirmed.errors > 2 * confirmed.errors[top]))
+            loose = loose[np.argsort(-reach[loose])][:_FINEST]
+            limit = confirmed.places[:, len(self.box.swept)] == 0 if self.box.has_angle else np.zeros(len(reach), bool)
+            loose = loose[~limit[loose]]
+            if not loose.size:
+                return
+            value, error = self.produce(confirmed.places[loose], self.rtol)
+            better = error < confirmed.errors[loose]
+            confirmed.values[loose[better]], confirmed.errors[loose[better]] = value[better], error[better]
+
+    def answer(self) -> Supremum:
         assert self.scanned is not None
         confirmed = self.confirmed
         finite = np.isfinite(confirmed.values)
