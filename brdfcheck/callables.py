@@ -315,33 +315,43 @@ class Evaluator:
         """What is wrong where a batch of directions is not what its directions are alone, in other orders and batches."""
         place = np.array([float(parameters[name]) for name in self.names])
         wi, wo = _sample(24)
-        function = self._compiled_alone(place)
-        together = function(wi, wo)
-        scale = np.maximum(np.abs(together), np.max(np.abs(together), initial=0.0) * 1e-9)
-        for size in (1, 5):
-            parts = [function(wi[i : i + size], wo[i : i + size]) for i in range(0, 20, size)]
-            apart = np.concatenate(parts)
-            if _differ(apart, together[:20], scale[:20], self.epsilon):
-                again = function(wi, wo)
-                if _differ(again, together, scale, self.epsilon):
-                    return "the same directions give other values at each call: it is random, or keeps state between calls"
-                return (
-                    "directions given together are not what they are one by one: a sum, norm or maximum runs over all"
-                    " directions where it should run over the three components of each; give it axis=-1, and keepdims=True"
-                    " where it divides a vector"
-                )
-        order = np.random.default_rng(3).permutation(len(wi))
-        if _differ(function(wi[order], wo[order]), together[order], scale[order], self.epsilon):
-            again = function(wi, wo)
-            if _differ(again, together, scale, self.epsilon):
-                return "the same directions give other values at each call: it is random, or keeps state between calls"
-            return "the values depend on the order in which directions are given"
-        return None
+        bound = self.bind(parameters)
 
-    def _compiled_alone(self, place: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        def together(order: np.ndarray) -> np.ndarray:
+            return bound(wi[order], wo[order]).reshape(len(order), -1)
+
+        order = np.arange(len(wi))
+        first = together(order)
+        scale = np.maximum(np.abs(first), np.max(np.abs(first), initial=0.0) * 1e-9)
+
+        def differs(values: np.ndarray, rows: np.ndarray) -> bool:
+            with np.errstate(all="ignore"):
+                return bool(np.any(np.abs(values - first[rows]) > max(1e-7, 1e4 * self.epsilon) * scale[rows]))
+
+        alone = self._alone(place)
+        # Each size is a program to compile: for JAX there is one besides that of all requests, plain calls cost nothing.
+        apart = any(
+            differs(np.concatenate([alone(wi[i : i + size], wo[i : i + size]) for i in range(0, 20, size)]), order[:20])
+            for size in ((1, 5) if self.slow else (1,))
+        )
+        turned = np.random.default_rng(3).permutation(len(wi))
+        if not apart and not differs(together(turned), turned):
+            return None
+        if differs(together(order), order):
+            return "the same directions give other values at each call: it is random, or keeps state between calls"
+        if not apart:
+            return "the values depend on the order in which directions are given"
+        return (
+            "directions given together have other values than one by one: mostly because a norm, sum or maximum runs over all"
+            " directions and not over the three components of each (give it axis=-1, and keepdims=True where it divides a"
+            " vector), or because the values depend on the number of directions, or on chance"
+        )
+
+    def _alone(self, place: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """f for batches as small as they are given, traced anew: (k, 3) twice -> (k, channels or 1)."""
         if self.slow:
             return lambda wi, wo: self._numpy_call(place, wi, wo)
-        brdf = self._brdf(tuple(float(value) for value in place)) if not self.names else None
+        brdf = None if self.names else self._brdf(())
         program = jax.jit(lambda p, wi, wo: (brdf or self._brdf(tuple(p)))(wi, wo))
 
         def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
@@ -353,11 +363,6 @@ class Evaluator:
             return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
 
         return evaluate
-
-
-def _differ(first: np.ndarray, second: np.ndarray, scale: np.ndarray, epsilon: float) -> bool:
-    with np.errstate(all="ignore"):
-        return bool(np.any(np.abs(first - second) > max(1e-7, 1e4 * epsilon) * scale))
 
 
 def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:

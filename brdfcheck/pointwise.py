@@ -32,6 +32,8 @@ GRAZING = 1e-9
 # its size: their difference is its error.
 _LEVELS = (GradedRule(10, 4, 4, 5, 1e-3), GradedRule(20, 8, 7, 10, 1e-4), GradedRule(40, 14, 12, 18, 1e-6))
 _COMPANION = GradedRule(7, 3, 3, 3, 1e-3)
+# The cosine of a direction above which the sign of a value is not that of a rounding.
+_STEEP = 1e-5
 # The accuracy at which engines 1 and 2 are asked on the levels (None: their best).
 _QUICK_RTOL = 1e-3
 # Numbers in the tables of directions that are held at a time.
@@ -233,8 +235,10 @@ class PointwiseAlbedo:
 
         with self._noting:
             seen = self.seen
-            low = np.unravel_index(np.argmin(values), values.shape)
-            if values[low] < 0 and (seen.smallest is None or values[low] < seen.smallest.value):
+            # Where both directions graze, rounding alone makes a sign: such pairs are for the side checks, which know of it.
+            told = (np.minimum(wi[:, None, 2], wo[:, 2]) > _STEEP)[..., None]
+            low = np.unravel_index(np.argmin(np.where(told, values, 0)), values.shape)
+            if told[low[:2]] and values[low] < 0 and (seen.smallest is None or values[low] < seen.smallest.value):
                 seen.smallest = place(low, float(values[low]))
             broken = ~finite & (weight > 0)[..., None]
             if np.any(broken):

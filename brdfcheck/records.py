@@ -111,9 +111,9 @@ def _witness(record: Mapping[str, Any] | None) -> Witness | None:
 
     if record is None:
         return None
-    places = (tuple(float(value) for value in record[name]) for name in ("parameters", "wi", "wo"))
+    parameters, wi, wo = (tuple(float(value) for value in record[name]) for name in ("parameters", "wi", "wo"))
     swapped = record["swapped"]
-    return Witness(*places, float(record["value"]), None if swapped is None else float(swapped))
+    return Witness(parameters, wi, wo, float(record["value"]), None if swapped is None else float(swapped))
 
 
 def from_json_object(record: Mapping[str, Any]) -> Report:

@@ -2,10 +2,10 @@ r"""A fixed rule over the hemisphere whose nodes move with the light: for scans,
 
 The coordinates are those of `quadrature.adaptive`: t along the plane of incidence, b across it. Six corners, one on either
 side of the mirror direction, the normal and the light, reach half way to the next of these (or to the horizon). Near its
-seed a corner is two triangles with their apex at the seed, in the coordinates (r, r q) and (r q, r), with r = scale sinh(u)
-and q = v^2: a lobe of any width above `scale` is a bump of length one in u, and v crowds the nodes where grazing light makes
-a needle of it. Two rectangles fill up a corner: beside the triangles across the plane, and beyond them along it. What is
-left lies at the horizon, on either side, with nodes that crowd there.
+seed a corner is two triangles with their apex at the seed, in the coordinates (r, r q) and (r q, r). r is a sinh of u, so a
+lobe of any width above `scale` is a bump of length one in u; q is a sinh of v whose scale is the cosine of incidence, which
+crowds the nodes where grazing light makes a needle of a lobe. Two rectangles fill up a corner: beside the triangles across
+the plane, and beyond them along it. What is left lies at the horizon, on either side, with nodes that crowd there.
 
 The number of nodes is the same for every incidence, and they move smoothly with it, so that a sum over them is a smooth
 function of the angle wherever the BRDF is: what a climb needs.
@@ -22,6 +22,8 @@ from brdfcheck.quadrature.gauss import gauss
 # The longest side of the triangles (radians), and how far from b = 0 the nodes of the rectangles beyond are crowded.
 _CORE = 0.4
 _SPREAD = 0.2
+# The thinnest needle, as a part of its length, for which nodes are crowded.
+_THINNEST = 1e-2
 # The corners: which way the elevation goes from the seed, on which side of the normal, and whether the horizon is next.
 _RISE = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0])[:, None]
 _SIDE = np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])[:, None]
@@ -55,19 +57,22 @@ class GradedRule:
         theta, elevation = np.arctan2(sine, mu), np.arctan2(mu, sine)
         reach = np.where(_OUTER[:, None], elevation / 2, theta / 2)
         height = np.where(_AT_NORMAL[:, None], np.pi / 2, elevation)
-        pieces = [*self._triangles(reach, height), *self._rectangles(reach, height), self._horizon(elevation)]
+        pieces = [*self._triangles(reach, height, mu), *self._rectangles(reach, height), self._horizon(elevation)]
         x, y, z, weight = (np.concatenate([piece[i] for piece in pieces], axis=1) for i in range(4))
         # Both sides of the plane of incidence.
         wo = np.stack([np.tile(x, 2), np.concatenate([y, -y], axis=1), np.tile(z, 2)], axis=1)
         return wo, np.tile(weight, 2)
 
-    def _triangles(self, reach: np.ndarray, height: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+    def _triangles(self, reach: np.ndarray, height: np.ndarray, mu: np.ndarray) -> list[tuple[np.ndarray, ...]]:
         (u, du), (v, dv) = gauss(self.radial), gauss(self.angular)
         longest = np.arcsinh(np.minimum(reach, _CORE) / self.scale)
         grown = np.exp(longest * u)
         radius = self.scale * (grown - 1 / grown) / 2
-        density = (self.scale * (grown + 1 / grown) / 2 * longest * radius * du)[..., None] * (2 * v * dv)
-        lag = radius[..., None] * v**2
+        # A needle is about as thin as the light is low.
+        thin = np.maximum(mu, _THINNEST)
+        across, stretch = _sinh_from_zero(thin, v)
+        density = (self.scale * (grown + 1 / grown) / 2 * longest * radius * du)[..., None] * (stretch * dv)[:, :, None]
+        lag = radius[..., None] * across[:, :, None]
         lead = radius[..., None]
         height, rise, side = height[..., None], _RISE[..., None], _SIDE[..., None]
         return [_placed(height + rise * a, b, side, density) for a, b in ((lead, lag), (lag, lead))]
@@ -95,6 +100,13 @@ class GradedRule:
         across, stretch = _crowded(np.maximum(half, self.scale), np.zeros_like(half), y)
         density = (half * 2 * x * dx)[..., None] * (stretch * dy)[:, :, None]
         return _placed((half * x**2)[..., None], across[:, :, None], np.array([-1.0, 1.0])[:, None, None], density)
+
+
+def _sinh_from_zero(scale: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places from 0 to 1, spread evenly up to `scale` and geometrically from there; and their density."""
+    length = np.arcsinh(1 / scale)
+    grown = np.exp(length * unit)
+    return scale * (grown - 1 / grown) / 2, scale * (grown + 1 / grown) / 2 * length
 
 
 def _crowded(scale: np.ndarray, low: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -122,11 +122,12 @@ def climb(
         promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
         state.gaps[which] = promised + np.maximum(top - before, 0)
         scale = np.maximum(np.abs(state.values[which]), 1)
+        reached = np.maximum(goal * scale, 0.02 * state.errors[which])
         flat = model.spread <= np.maximum(_NOISE * state.errors[which], 4e-15 * scale)
         small_stencil = flat & (radius < _LARGEST) & (grown[which] < _LARGER)
         flat &= ~small_stencil
         grown[which] += small_stencil
-        quiet[which] = np.where((state.gaps[which] <= goal * scale) & ~small_stencil, quiet[which] + 1, 0)
+        quiet[which] = np.where((state.gaps[which] <= reached) & ~small_stencil, quiet[which] + 1, 0)
         state.gaps[which] = np.where(flat, np.minimum(state.gaps[which], model.spread), state.gaps[which])
         state.settled[which] = flat | (quiet[which] >= calm)
         shrunk = np.where(improved, np.clip(1.5 * moved, radius / 6, 3 * radius), radius / 5)

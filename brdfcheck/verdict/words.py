@@ -101,33 +101,24 @@ def message(report: Report) -> str:
 
 
 def basis_text(report: Report) -> str:
-    """What the answer rests on, in one line."""
+    """What the answer rests on, in a few words: a theorem or a search, how large it was, and what it could have missed."""
     if report.basis == "none":
         return "nothing could be evaluated"
-    looked = f"{count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
+    looked = f"{report.basis}, {count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
+    if report.basis == "theorem":
+        looked = f"theorem: normal incidence is the worst angle, {count_text(report.points)} points over the parameters"
     if not report.settled:
         looked += ", not settled"
-    if report.basis == "theorem":
-        looked = (
-            f"theorem (normal incidence is the worst angle); {looked}"
-            if len(report.ranges)
-            else "theorem (normal incidence is the worst angle)"
-        )
-    else:
-        looked = f"search: {looked}"
     missed = width_text(report.width)
-    return f"{looked}; could have missed a violation {missed}" if missed else looked
+    return f"{looked}, could miss {missed}" if missed else looked
 
 
 def width_text(width: Mapping[str, float]) -> str:
-    """The widest region that a search may have missed."""
-    units = {"angle": " deg of the angle", "azimuth": " deg of the azimuth"}
+    """The widest region that a search may have missed: as a part of each range, or of all at once."""
     parts = [
-        f"{value:.2g}{units[name]}" if name in units else f"{100 * value:.2g} % of the range of {name}"
+        f"{value:.2g} deg of the {name}" if name in ("angle", "azimuth") else f"{100 * value:.2g} % of {name}"
         for name, value in width.items()
         if name != "cell"
     ]
-    if not parts:
-        return ""
-    several = f", or than {100 * width['cell']:.2g} % of every range at once" if "cell" in width else ""
-    return f"narrower than {' or '.join(parts)}{several}"
+    several = [f"{100 * width['cell']:.2g} % of all at once"] if "cell" in width else []
+    return " or ".join([", ".join(parts), *several]) if parts else ""

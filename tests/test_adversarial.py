@@ -1,0 +1,89 @@
+"""No false verdict: `check` on families whose suprema are known by derivation (`adversarial.py`).
+
+What is asserted of every family: never CONSERVES above the line, never VIOLATES below it, the truth within the error bar. What
+is asserted of all together: few are UNDECIDED that are clear.
+"""
+
+from __future__ import annotations
+
+import gc
+
+import adversarial
+import jax
+import numpy as np
+import pytest
+from adversarial import Case
+
+from brdfcheck.family import Family
+from brdfcheck.verdict import TOLERANCE, Report, Verdict, check_family
+
+_LINE = 1 + TOLERANCE
+# Narrower than this (radians) nothing is promised of a jump: the adaptive rule's first mesh has gaps of 0.04.
+_NARROWEST_JUMP = 0.1
+
+
+def checked(case: Case) -> Report:
+    build = case.build if case.ranges else lambda: case.build
+    return check_family(Family(case.name, build, case.ranges), intervals=False)
+
+
+def fault(case: Case, report: Report) -> str | None:
+    """What is wrong with a report, in words."""
+    if report.verdict is Verdict.CONSERVES and case.truth > _LINE + case.accuracy:
+        return f"false CONSERVES: {report.albedo} +- {report.error}, truth {case.truth}"
+    if report.verdict is Verdict.VIOLATES and case.truth < _LINE - case.accuracy:
+        return f"false VIOLATES: {report.albedo} +- {report.error}, truth {case.truth}"
+    off = 0.0 if report.albedo == case.truth else abs(report.albedo - case.truth)
+    if not off <= report.error + case.accuracy:
+        return f"short bar: {report.albedo} +- {report.error}, truth {case.truth}, {off / max(report.error, 1e-300):.2g} bars"
+    if case.reciprocal and any("reciprocal" in finding for finding in report.findings):
+        return f"called not reciprocal: {report.findings}"
+    return None
+
+
+def unclear(case: Case, report: Report) -> bool:
+    """True where a clear case is left undecided."""
+    clear = not np.isfinite(case.truth) or abs(case.truth - 1) > 1e-6 + case.accuracy
+    return report.verdict is Verdict.UNDECIDED and clear and not case.jumps
+
+
+def drawn(count: int, seed: int) -> list[Case]:
+    return [case for case in adversarial.cases(count, seed) if not _too_thin(case)]
+
+
+def _too_thin(case: Case) -> bool:
+    return case.jumps and case.spot is not None and case.spot[2] < _NARROWEST_JUMP
+
+
+FAST = drawn(2 * len(adversarial.kinds()), 1)
+
+
+@pytest.mark.parametrize("case", FAST, ids=lambda case: case.name)
+def test_no_false_verdict(case: Case) -> None:
+    report = checked(case)
+    assert fault(case, report) is None, report
+    assert not unclear(case, report), report
+
+
+@pytest.mark.parametrize("pair", adversarial.twins(8, 2), ids=lambda pair: pair[0].name)
+def test_numpy_and_jax_agree(pair: tuple[Case, Case]) -> None:
+    with_numpy, with_jax = (checked(case) for case in pair)
+    assert with_numpy.verdict is with_jax.verdict
+    assert with_numpy.engine == "adaptive (numpy)"
+    assert with_jax.engine == "adaptive"
+    if np.isfinite(with_jax.albedo):
+        assert with_numpy.albedo == pytest.approx(with_jax.albedo, abs=with_numpy.error + with_jax.error)
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("seed", range(100, 200))
+def test_no_false_verdict_among_thousands(seed: int) -> None:
+    """2,900 families; ``pytest -m bench -n 2`` takes some hours."""
+    cases = drawn(len(adversarial.kinds()), seed)
+    reports = []
+    for case in cases:
+        reports.append(checked(case))
+        jax.clear_caches()
+        gc.collect()
+    assert [(case.name, wrong) for case, report in zip(cases, reports, strict=True) if (wrong := fault(case, report))] == []
+    assert sum(unclear(case, report) for case, report in zip(cases, reports, strict=True)) <= 0.02 * len(cases) + 1
