@@ -106,7 +106,7 @@ def test_0_where_all_conserve(run: Run) -> None:
     lines = out.splitlines()
     assert "tolerance 1e-9" in lines[0]
     assert lines[1].startswith("phong  CONSERVES  albedo 1.0000000000 +- ")
-    assert "climbs; could have missed a violation narrower than" in lines[1]
+    assert "% of n" in lines[1].partition("could miss ")[2]
     assert "angle=" in lines[1]
     assert lines[-1].startswith("1 conserves, 0 violate, 0 undecided in ")
     assert err == ""
@@ -591,16 +591,15 @@ def test_what_an_answer_rests_on_in_words(reports: list) -> None:
     from dataclasses import replace
 
     report = replace(reports[0], basis="search", points=12_345, climbs=1, settled=True, width={})
-    assert console.basis_text(report) == "search: 12.3k points, 1 climb"
+    assert console.basis_text(report) == "search, 12.3k points, 1 climb"
     width = {"n": 1e-3, "angle": 0.25, "azimuth": 1.5, "cell": 0.02}
     assert console.basis_text(replace(report, settled=False, width=width)) == (
-        "search: 12.3k points, 1 climb, not settled; could have missed a violation narrower than 0.1 % of the range of n"
-        " or 0.25 deg of the angle or 1.5 deg of the azimuth, or than 2 % of every range at once"
+        "search, 12.3k points, 1 climb, not settled, could miss 0.1 % of n, 0.25 deg of the angle, 1.5 deg of the azimuth"
+        " or 2 % of all at once"
     )
     assert console.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
-    theorem = "theorem (normal incidence is the worst angle)"
-    assert console.basis_text(replace(report, basis="theorem", ranges={})) == theorem
-    assert console.basis_text(replace(report, basis="theorem")) == f"{theorem}; 12.3k points, 1 climb"
+    theorem = "theorem: normal incidence is the worst angle, 12.3k points over the parameters"
+    assert console.basis_text(replace(report, basis="theorem", width={"n": 0.01})) == f"{theorem}, could miss 1 % of n"
 
 
 def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
