@@ -1,15 +1,16 @@
-"""Functions of users: three ways to evaluate them, what is wrong with them, and whether they turn with the surface."""
+"""Functions of users: two ways to evaluate them, what is wrong with them, and whether they turn with the surface."""
 
 from __future__ import annotations
 
 import logging
+import re
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from test_geometry import random_directions
 
-from brdfcheck.callables import Evaluator, Finding
+from brdfcheck.callables import BLOCK, Evaluator, Finding
 from brdfcheck.family import Family
 from brdfcheck.lobes import BlinnPhong, Phong
 from brdfcheck.microfacet import GGX
@@ -38,7 +39,7 @@ def scalar_logic(n):
     return brdf
 
 
-# --- three paths ---
+# --- two paths ---
 
 
 def test_one_program_serves_all_parameters():
@@ -52,12 +53,12 @@ def test_one_program_serves_all_parameters():
     assert not evaluator.slow
     for n in (0.5, 2.0, 30.0):
         np.testing.assert_allclose(evaluator.bind({"n": n})(WI, WO), traceable(n)(WI, WO), rtol=1e-14)
-    assert len(built) <= 2  # the trial's shape and that of the requests
+    assert len(built) <= 4  # three shapes to look at, and the program
 
 
-def test_a_program_for_each_set_of_parameters():
+def test_a_factory_that_needs_a_number_is_called_with_one():
     evaluator = Evaluator(wants_a_number, {"n": 2.0})
-    assert not evaluator.slow
+    assert evaluator.slow
     first, second = evaluator.bind({"n": 2.0}), evaluator.bind({"n": 3.0})
     for n, bound in ((2.0, first), (3.0, second), (2.0, evaluator.bind({"n": 2.0}))):
         np.testing.assert_allclose(bound(WI, WO), wants_a_number(n)(WI, WO), rtol=1e-14)
@@ -73,8 +74,8 @@ def test_plain_numpy_is_slow_and_says_so(build, caplog):
         np.testing.assert_array_equal(evaluator.bind({"n": n})(WI, WO), build(n)(WI, WO))
 
 
-@pytest.mark.parametrize("rows", [1, 2, 1023, 1024, 1025, 9000, 131073])
-@pytest.mark.parametrize("build", [traceable, wants_a_number], ids=["shared", "each"])
+@pytest.mark.parametrize("rows", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 9000, 131073])
+@pytest.mark.parametrize("build", [traceable, wants_a_number], ids=["program", "calls"])
 def test_padding_does_not_show(build, rows):
     bound = Evaluator(build, {"n": 2.0}).bind({"n": 4.0})
     wi, wo = np.resize(WI, (rows, 3)), np.resize(WO, (rows, 3))
@@ -114,9 +115,9 @@ class Unarray:
     ("function", "message"),
     [
         (raises, "raised RuntimeError: boom"),
-        (lambda wi, wo: wo[2], r"returned shape \(3,\) .* Index the last axis: wi\[..., 2\]"),
-        (lambda wi, wo: wo[..., :2][None], r"returned shape \(1, 2, 2\)"),
-        (lambda wi, wo: wo[..., :0], r"returned shape \(2, 0\)"),
+        (lambda wi, wo: wo[2], r"returned shape \(3,\) .* index the last axis, wi\[..., 2\]"),
+        (lambda wi, wo: wo[..., :2][None], r"returned shape \(1, 1, 2\) for directions of shape \(1, 3\)"),
+        (lambda wi, wo: wo[..., :0], r"returned shape \(1, 0\)"),
         (lambda wi, wo: wo[..., 2] + 1j, "complex values"),
         (lambda wi, wo: np.array(["a", "b"]), "not numbers"),
         (lambda wi, wo: "text", "returned|raised"),
@@ -124,6 +125,8 @@ class Unarray:
         (lambda wi, wo: Unarray(), "Unarray, not an array of numbers"),
         (lambda wi, wo: {"value": 1.0}, "returned|raised"),
         (lambda wi: wi, "raised TypeError"),
+        (lambda wi, wo: wi @ wo.T, "the number of channels follows the number of directions"),
+        (lambda wi, wo: jnp.ones((len(wi), 257)), "returned 257 channels; at most 256"),
     ],
 )
 def test_what_is_wrong_with_a_function(function, message):
@@ -145,18 +148,110 @@ def test_what_is_wrong_with_a_factory():
     evaluator = Evaluator(picky, {"n": 2.0})
     assert evaluator.bind({"n": 5.0})(WI, WO).shape == (300,)
     with pytest.raises(Finding, match=r"picky\(n=6\) raised ValueError: too large"):
-        evaluator.bind({"n": 6.0})
+        evaluator.bind({"n": 6.0})(WI, WO)
 
 
 def test_a_function_that_fails_later():
     def late(wi, wo):
-        if len(np.asarray(wi)) > 2:
+        if len(np.asarray(wi)) > 3:
             raise OSError("late")
-        return np.ones(2)
+        return np.ones(len(wi))
 
     bound = Evaluator(lambda: late, {}).bind({})
     with pytest.raises(Finding, match="raised OSError: late"):
         bound(WI, WO)
+
+
+# --- sums over tables of directions ---
+
+
+@pytest.mark.parametrize("build", [traceable, plain_numpy], ids=["program", "calls"])
+@pytest.mark.parametrize("points", [1, 7, 130])
+def test_sums_are_those_of_the_values(build, points):
+    random = np.random.default_rng(points)
+    wo = np.moveaxis(random_directions(3 * 2 * BLOCK, 5).reshape(3, 2, BLOCK, 3), 3, 2)
+    weight = random.uniform(0, 1, (3, 2, BLOCK))
+    wi, turn, which = random_directions(points, 6), random.uniform(0, 2 * np.pi, points), random.integers(0, 3, points)
+    n = np.sort(random.choice([0.5, 2.0, 30.0], points))
+    sums = Evaluator(build, {"n": 1.0}).sums(n[:, None], wi, turn, which, wo, weight, nothing_noted)
+    assert sums.shape == (points, 2, 1)
+    for i in range(0, points, 9):
+        c, s = np.cos(turn[i]), np.sin(turn[i])
+        turned = np.einsum("ij,bjk->bki", [[c, -s, 0], [s, c, 0], [0, 0, 1]], wo[which[i]])
+        expected = np.sum(weight[which[i]] * np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned)), axis=-1)
+        np.testing.assert_allclose(sums[i, :, 0], expected, rtol=1e-12)
+
+
+def nothing_noted(*_):
+    raise AssertionError("all values are finite and positive")
+
+
+def test_sums_leave_out_and_note_what_is_not_finite_and_what_is_negative():
+    def build():
+        return lambda wi, wo: jnp.where(wo[..., 0] > 0.9, jnp.nan, jnp.where(wo[..., 1] > 0.9, -1.0, 1.0))
+
+    wo = np.moveaxis(random_directions(BLOCK, 5)[None, None], 3, 2)
+    noted = []
+    sums = Evaluator(build, {}).sums(
+        np.zeros((1, 0)), WI[:1], np.zeros(1), np.zeros(1, int), wo, np.ones((1, 1, BLOCK)), lambda *found: noted.append(found)
+    )
+    x, y = wo[0, 0, :2]
+    bad, negative = x > 0.9, (y > 0.9) & (x <= 0.9)
+    assert sums.item() == BLOCK - np.count_nonzero(bad) - 2 * np.count_nonzero(negative)
+    ((points, directions, values, finite, weight),) = noted
+    assert points.tolist() == [0]
+    np.testing.assert_allclose(directions[0], wo[0, 0], atol=1e-15)
+    np.testing.assert_array_equal(finite[0, :, 0], ~bad)
+    np.testing.assert_array_equal(values[0, :, 0] < 0, negative)
+    assert weight.shape == (1, BLOCK)
+
+
+# --- directions given together ---
+
+
+def normalised_by_the_batch(wi, wo):
+    half = wi + wo
+    return (half / jnp.linalg.norm(half))[..., 2]
+
+
+def of_the_order(wi, wo):
+    return jnp.arange(len(wo)) / len(wo) + 0 * wo[..., 2]
+
+
+def random_values(wi, wo, random=np.random.default_rng(1)):  # noqa: B008 - one for all calls
+    return random.uniform(0, 1, len(np.asarray(wo)))
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (normalised_by_the_batch, "other values than one by one"),
+        (lambda wi, wo: np.asarray(normalised_by_the_batch(np.array(wi), np.array(wo))), "other values than one by one"),
+        (of_the_order, "other values than one by one"),
+        (random_values, "random, or keeps state"),
+    ],
+)
+def test_a_batch_that_is_not_its_directions_is_told(function, message):
+    trouble = Evaluator(lambda: function, {}).disagreement({})
+    assert trouble is not None
+    assert re.search(message, trouble), trouble
+
+
+@pytest.mark.parametrize("build", [traceable, wants_a_number, plain_numpy])
+def test_sound_functions_agree_with_themselves(build):
+    assert Evaluator(build, {"n": 2.0}).disagreement({"n": 3.0}) is None
+
+
+def test_directions_can_be_taken_one_by_one():
+    evaluator = Evaluator(lambda: normalised_by_the_batch, {})
+    assert evaluator.evaluated_alone()
+    assert evaluator.alone
+    half = WI + WO
+    expected = (half / np.linalg.norm(half, axis=-1, keepdims=True))[:, 2]
+    np.testing.assert_allclose(evaluator.bind({})(WI, WO), expected, rtol=1e-14)
+    slow = Evaluator(lambda: random_values, {})
+    assert not slow.evaluated_alone()
+    assert not slow.alone
 
 
 # --- does it turn with the surface? ---
@@ -220,6 +315,53 @@ def test_engines_are_chosen_by_what_a_brdf_offers():
         assert albedo.fast == (engine in ("zonal", "half-vector"))
     with pytest.raises(Finding):
         PointwiseAlbedo(Family("raises", lambda: raises))
+
+
+def test_held_parameters_are_numbers_and_swept_ones_are_not():
+    def build(power, scale):
+        return lambda wi, wo: scale * (wi[..., 2] * wo[..., 2]) ** int(power)
+
+    held = PointwiseAlbedo(Family("held", build, {"power": (2.0, 2.0), "scale": (0.0, 1.0)}))
+    assert held.engine == "adaptive"
+    assert (held.names, held.swept) == (("power", "scale"), ("scale",))
+    # E = scale mu^2 2 pi / 4.
+    value, error = held(np.array([[2.0, 0.5], [2.0, 1.0]]), np.array([0.5, 1.0]), np.zeros(2))
+    expected = np.array([0.5 * 0.25, 1.0]) * np.pi / 2
+    assert np.all(np.abs(value - expected) <= error)
+    np.testing.assert_allclose(value, expected, rtol=1e-8)
+    assert PointwiseAlbedo(Family("swept", build, {"power": (2.0, 3.0), "scale": (0.0, 1.0)})).engine == "adaptive (numpy)"
+
+
+@pytest.mark.parametrize(
+    "build", [lambda n: Phong(n), lambda n: GGX(1 / n), lambda n: lambda wi, wo: GGX(1 / n)(wi, wo)], ids=["1", "2", "3"]
+)
+def test_the_estimates_of_all_levels_are_near_the_albedo(build):
+    albedo = PointwiseAlbedo(Family("levels", build, {"n": (1.5, 20.0)}))
+    random = np.random.default_rng(3)
+    n, mu = random.uniform(1.5, 20, (40, 1)), random.uniform(0, 1, 40) ** 2
+    value, _ = albedo(n, mu, np.zeros(40))
+    bounds = {1: (1e-12,), 2: (1e-5, 1e-9), 3: (0.05, 5e-3, 5e-5)}[albedo.levels]
+    for level, bound in enumerate(bounds):
+        estimate, error = albedo.estimate(n, mu, np.zeros(40), level)
+        assert np.max(np.abs(estimate - value)) <= bound, level
+        if level == 0:
+            assert np.all(np.abs(estimate - value) <= 2 * error + 2e-3)
+
+
+def test_what_a_scan_sees_of_a_function_is_kept():
+    def function(wi, wo):
+        return jnp.where(wo[..., 0] > 0.95, jnp.inf, jnp.where(wi[..., 2] < 0.5, -0.25, 0.5)) + 0 * wo[..., 2]
+
+    albedo = PointwiseAlbedo(Family("seen", lambda: function))
+    assert (albedo.seen.smallest, albedo.seen.nonfinite) == (None, 0)
+    albedo.estimate(np.zeros((2, 0)), np.array([0.8, 0.3]), np.zeros(2), 0)
+    low, bad = albedo.seen.smallest, albedo.seen.first_nonfinite
+    assert low is not None
+    assert (low.value, low.parameters) == (-0.25, ())
+    assert low.wi[2] == pytest.approx(0.3)
+    assert bad is not None
+    assert bad.wo[0] > 0.95
+    assert 0 < albedo.seen.nonfinite < albedo.seen.values
 
 
 def test_points_are_evaluated_in_any_number_and_order():

@@ -106,6 +106,7 @@ def test_0_where_all_conserve(run: Run) -> None:
     lines = out.splitlines()
     assert "tolerance 1e-9" in lines[0]
     assert lines[1].startswith("phong  CONSERVES  albedo 1.0000000000 +- ")
+    assert "% of n" in lines[1].partition("could miss ")[2]
     assert "angle=" in lines[1]
     assert lines[-1].startswith("1 conserves, 0 violate, 0 undecided in ")
     assert err == ""
@@ -213,6 +214,8 @@ BAD_WORDS = [
     (("check", "phong", "--tolerance", "nan"), "must be finite"),
     (("check", "phong", "--tolerance", "much"), "'much' is not a number"),
     (("check", "phong", "--rtol", "0"), "above 0 and below 1"),
+    (("check", "phong", "--effort", "best"), "'best'"),
+    (("audit", "--effort", ""), "--effort"),
     (("check", "phong", "--jobs", "0"), "at least 1; got 0"),
     (("check", "phong", "--jobs", "x"), "'x' is not a number"),
     (("check", "phong", "--jobs", "1.5"), "whole number"),
@@ -298,6 +301,20 @@ def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
     assert code == ExitCode.PASSED
     assert json.loads(out, parse_constant=refuse)["settings"]["over"] == {"n": [1.0, 2.0]}
     assert "1 conserves" in err
+
+
+def test_effort_is_that_of_the_search_and_in_the_record(run: Run) -> None:
+    points = {}
+    for effort in ("quick", "normal"):
+        code, out, _ = run("check", "phong", "--effort", effort, "--json", "-")
+        assert code == ExitCode.PASSED
+        record = json.loads(out)
+        (result,) = record["results"]
+        assert record["settings"]["effort"] == result["effort"] == effort
+        assert result["settled"]
+        assert result["width"]
+        points[effort] = result["points"]
+    assert 0 < points["quick"] < points["normal"]
 
 
 def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -506,6 +523,20 @@ def test_what_takes_its_time_says_so_on_a_terminal(monkeypatch: pytest.MonkeyPat
     assert "verdict   CONSERVES" in out.getvalue()
 
 
+def test_how_far_a_command_is_says_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 0.0
+    monkeypatch.setattr(output.time, "monotonic", lambda: now)
+    with output.Output(None).progress(3, "checking", every=10) as advance:
+        for now in (1.0, 9.9, 10.1, 12.0, 20.0, 20.2):
+            advance.say(f"at {now}")
+            advance()
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == ["checking at 10.1", "checking at 20.2"]
+
+
 def shown(width: int, show: Callable[[Console], None], encoding: str = "utf-8") -> str:
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding=encoding)
@@ -554,6 +585,34 @@ def test_plain_lines_are_plain(reports: list) -> None:
     assert console.exact(1e-9) == "1e-9"
     assert console.exact(0.25) == "0.25"
     assert [console.count_text(count) for count in (7, 78_000, 1_200_000, 3e9)] == ["7", "78k", "1.2M", "3G"]
+
+
+def test_what_an_answer_rests_on_in_words(reports: list) -> None:
+    from dataclasses import replace
+
+    report = replace(reports[0], basis="search", points=12_345, climbs=1, settled=True, width={})
+    assert console.basis_text(report) == "search, 12.3k points, 1 climb"
+    width = {"n": 1e-3, "angle": 0.25, "azimuth": 1.5, "cell": 0.02}
+    assert console.basis_text(replace(report, settled=False, width=width)) == (
+        "search, 12.3k points, 1 climb, not settled, could miss 0.1 % of n, 0.25 deg of the angle, 1.5 deg of the azimuth"
+        " or 2 % of all at once"
+    )
+    assert console.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
+    theorem = "theorem: normal incidence is the worst angle, 12.3k points over the parameters"
+    assert console.basis_text(replace(report, basis="theorem", width={"n": 0.01})) == f"{theorem}, could miss 1 % of n"
+
+
+def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
+    from dataclasses import replace
+
+    for channel, count, text in ((0, 3, "channel=red"), (2, 3, "channel=blue"), (5, 8, "channel=5")):
+        report = replace(reports[0], channel=channel, channels=count)
+        assert console.place_text(report).endswith(f"{text} angle=0 deg")
+    assert "channel" not in console.place_text(reports[0])
+    endless = replace(reports[0], albedo=float("inf"), error=float("inf"), unbounded="towards n=3 cos=0.5")
+    assert console.albedo_text(endless) == "grows without bound towards n=3 cos=0.5"
+    assert console.albedo_text(replace(endless, unbounded=None)) == "infinite"
+    assert console.albedo_text(replace(endless, albedo=float("nan"))) == "not a number"
 
 
 # --- the package's public names ---

@@ -11,14 +11,24 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from brdfcheck.side_checks import SideChecks
 from hypothesis import given
 from hypothesis import strategies as st
 
 from brdfcheck import records
 from brdfcheck.verdict import Report, Verdict
+from brdfcheck.verdict.side_checks import SideChecks, Witness
 
-SIDE = SideChecks(0.0, -0.1, 2, 10, True, False)
+SIDE = SideChecks(
+    0.5,
+    -0.1,
+    2,
+    10,
+    False,
+    False,
+    Witness((3.0,), (0.6, 0.0, 0.8), (0.0, 0.0, 1.0), 0.25, 0.5),
+    Witness((3.0,), (0.0, 0.6, 0.8), (0.0, 0.0, 1.0), -0.1),
+    Witness((1.0,), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0), math.nan),
+)
 REPORT = Report(
     name="mine.py:lobe",
     verdict=Verdict.VIOLATES,
@@ -37,6 +47,25 @@ REPORT = Report(
     seconds=0.5,
     findings=("negative: the smallest value seen is -0.1 / sr",),
     notes=("a note",),
+    basis="search",
+    points=12_288,
+    climbs=42,
+    settled=True,
+    width={"n": 1e-4, "angle": 0.25, "cell": 0.02},
+    channel=1,
+    channels=3,
+    effort="thorough",
+)
+UNBOUNDED = dataclasses.replace(
+    REPORT,
+    albedo=math.inf,
+    error=math.inf,
+    unbounded="towards grazing incidence",
+    settled=False,
+    width={},
+    channel=None,
+    channels=1,
+    side=dataclasses.replace(SIDE, unequal=None, lowest=None, broken=None),
 )
 BROKEN = dataclasses.replace(
     REPORT,
@@ -56,7 +85,7 @@ def refuse(constant: str) -> None:
     raise ValueError(f"{constant} is not strict JSON")
 
 
-@pytest.mark.parametrize("report", [REPORT, BROKEN])
+@pytest.mark.parametrize("report", [REPORT, BROKEN, UNBOUNDED], ids=["report", "broken", "unbounded"])
 def test_a_report_survives_strict_json(report: Report) -> None:
     text = records.to_json(records.to_json_object(report))
     back = records.from_json_object(json.loads(text, parse_constant=refuse))
@@ -67,8 +96,20 @@ def test_json_holds_every_field_of_a_report() -> None:
     record = records.to_json_object(REPORT)
     assert set(record) >= {field.name for field in dataclasses.fields(Report)}
     assert set(record["side"]) == {field.name for field in dataclasses.fields(SideChecks)} | {"passed"}
+    for name in ("unequal", "lowest", "broken"):
+        assert set(record["side"][name]) == {field.name for field in dataclasses.fields(Witness)}
     assert record["verdict"] == "VIOLATES"
     assert record["angle_degrees"] == pytest.approx(60)
+
+
+@pytest.mark.parametrize(
+    "name", ["basis", "points", "climbs", "settled", "width", "unbounded", "channel", "channels", "effort"]
+)
+def test_a_record_without_a_field_is_refused(name: str) -> None:
+    record = records.to_json_object(REPORT)
+    del record[name]
+    with pytest.raises(KeyError, match=name):
+        records.from_json_object(record)
 
 
 @given(st.floats())

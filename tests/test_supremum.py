@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from brdfcheck.supremum import Supremum, supremum
 
+import brdfcheck
 from brdfcheck.factors import Factor, Normalized, PerCosine
 from brdfcheck.family import Family
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Phong
+from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Phong
 from brdfcheck.microfacet import CookTorrance
 from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.verdict.supremum import EFFORTS, Supremum, supremum
 
 Surface = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -26,23 +28,53 @@ def scaled(lobe: Callable, a: float, b: float) -> Callable:
 
 
 class Planted(PointwiseAlbedo):
-    """An albedo that is a given function of (parameters, cosine, azimuth), as if an engine had computed it."""
+    """An albedo that is a given function of (parameters, cosine, azimuth), as if an engine had computed it.
+
+    With `function` as that of a user's function is computed, azimuth and all; its quick rules err by up to `coarse`, 30 times
+    less from level to level, and say so, and to them what is not finite is 0.
+    """
+
+    fast = property(lambda self: not self._function)
+    levels = property(lambda self: 3 if self._function else 1)
+    monotone = False
 
     def __init__(
-        self, surface: Surface, ranges: dict, cos_theta=(0.0, 1.0), *, anisotropic: bool = False, error: float = 1e-14
+        self,
+        surface: Surface,
+        ranges: dict,
+        cos_theta=(0.0, 1.0),
+        *,
+        function: bool = False,
+        anisotropic: bool = False,
+        error: float = 1e-14,
+        coarse: float = 0.0,
     ):
         self.family = Family("planted", lambda **_: None, ranges, cos_theta)
         self.names = tuple(ranges)
+        self.swept = tuple(name for name, (low, high) in ranges.items() if low < high)
         self.evaluations = 0
+        self.epsilon = 2.2e-16
         self.anisotropic = anisotropic
         self.evaluator = None
-        self.engine = "adaptive" if anisotropic else "zonal"  # the exact engines know no azimuth
-        self._surface, self._error = surface, error
+        self._function = function or anisotropic  # the exact engines know no azimuth
+        self.engine = "adaptive" if self._function else "zonal"
+        self._surface, self._error, self._coarse = surface, error, coarse
 
     def __call__(self, parameters, cos_theta, azimuth, *, rtol=None):
         self.evaluations += len(cos_theta)
         value = self._surface(parameters, cos_theta, azimuth)
         return value, np.full(len(cos_theta), self._error)
+
+    def channels(self, parameters, cos_theta, azimuth, *, rtol=None):
+        return self(parameters, cos_theta, azimuth)
+
+    def estimate(self, parameters, cos_theta, azimuth, level):
+        value, error = self(parameters, cos_theta, azimuth)
+        if not self._function:
+            return value, error
+        wave = self._coarse / 30**level * np.cos(7 * cos_theta + 3 * parameters.sum(axis=1) + 1)
+        value = np.where(np.isfinite(value), value + wave, 0.0)
+        return value, np.full(len(value), self._coarse if level == 0 else 0.0)
 
 
 # --- lobes ---
@@ -149,15 +181,18 @@ def test_a_bump_between_grid_points(seed: int):
     assert found.value > np.max(coarse)
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_a_peak_in_several_parameters(count: int):
-    place = np.array([0.31, 0.77, 0.52])[:count]
+@pytest.mark.parametrize("function", [False, True])
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_a_peak_in_several_parameters(count: int, function: bool):
+    place = np.array([0.31, 0.77, 0.52, 0.18, 0.66])[:count]
 
     def surface(parameters, mu, _):
         return 1.25 - np.sum((parameters - place) ** 2, axis=1) - (mu - 0.4) ** 2
 
-    found = supremum(Planted(surface, {f"p{i}": (0.0, 1.0) for i in range(count)}))
+    found = supremum(Planted(surface, {f"p{i}": (0.0, 1.0) for i in range(count)}, function=function, coarse=1e-3))
     assert found.value == pytest.approx(1.25, abs=1e-12)
+    assert found.error < 1e-9
+    assert found.settled
     assert list(found.parameters.values()) == pytest.approx(place, abs=1e-6)
     assert found.cos_theta == pytest.approx(0.4, abs=1e-6)
     assert found.above is None
@@ -181,21 +216,213 @@ def test_a_kink_is_climbed_and_its_uncertainty_is_in_the_bar():
     assert found.value > 1 - 1e-3
 
 
+def test_a_ridge_across_the_axes_is_followed():
+    # Level within 1e-3 along p + q = 1.1 and 1e4 times as steep across: zigzags along the axes would not arrive.
+    def surface(parameters, mu, _):
+        along, across = parameters[:, 0] - parameters[:, 1] - 0.4, parameters.sum(axis=1) - 1.1
+        return 1.1 - 1e-3 * along**2 - 10 * across**2 - 0.01 * (mu - 0.7) ** 2
+
+    found = supremum(Planted(surface, {"p": (0.0, 1.0), "q": (0.0, 1.0)}))
+    assert found.value == pytest.approx(1.1, abs=1e-11)
+    assert list(found.parameters.values()) == pytest.approx([0.75, 0.35], abs=1e-4)
+
+
+def test_of_two_peaks_the_higher_one_though_it_is_narrow():
+    def surface(parameters, mu, _):
+        x = parameters[:, 0]
+        wide = 1 - (x - 0.2) ** 2 - 0.1 * (mu - 0.5) ** 2
+        return np.maximum(wide, 1.2 - ((x - 0.83) / 0.02) ** 2 - ((mu - 0.3) / 0.02) ** 2)
+
+    found = supremum(Planted(surface, {"x": (0.0, 1.0)}))
+    assert found.value == pytest.approx(1.2, abs=1e-11)
+    assert found.parameters["x"] == pytest.approx(0.83, abs=1e-6)
+
+
+@pytest.mark.parametrize("effort", ["quick", "normal", "thorough"])
+@pytest.mark.parametrize("function", [False, True])
+def test_nothing_wider_than_it_says_is_missed(effort: str, function: bool):
+    """Slabs a little wider than `width` in one coordinate, wherever they are."""
+    ranges = {"a": (0.0, 1.0), "b": (-2.0, 2.0)}
+    flat = supremum(Planted(lambda p, mu, _: np.full(len(mu), 0.5), ranges, function=function), effort=effort)
+    assert set(flat.width) == {"a", "b", "angle", "cell"}
+    random = np.random.default_rng(8)
+    for place in random.uniform(0.05, 0.95, 4):
+        half_a, half_angle = 0.51 * flat.width["a"], 0.51 * flat.width["angle"]
+
+        def slab_of_a(p, mu, _, place=place, half=half_a):
+            return np.where(np.abs(p[:, 0] - place) < half, 1.5, 0.5)
+
+        def slab_of_angle(p, mu, _, place=place, half=half_angle):
+            return np.where(np.abs(np.degrees(np.arccos(mu)) - 90 * place) < half, 1.5, 0.5)
+
+        for surface in (slab_of_a, slab_of_angle):
+            assert supremum(Planted(surface, ranges, function=function), effort=effort).value == 1.5
+
+
+def test_more_effort_looks_at_more_points_and_misses_less():
+    def surface(parameters, mu, _):
+        return 0.9 - (parameters[:, 0] - 0.3) ** 2 - (mu - 0.6) ** 2
+
+    found = [supremum(Planted(surface, {"a": (0.0, 1.0)}), effort=effort) for effort in EFFORTS]
+    assert [one.value for one in found] == pytest.approx([0.9] * 3, abs=1e-12)
+    assert 1000 < found[0].points < found[1].points < found[2].points
+    assert found[0].width["a"] > found[1].width["a"] > found[2].width["a"]
+    assert all(one.climbs > 0 for one in found)
+
+
+def test_what_the_answer_rests_on():
+    for lobe in (Phong, BlinnPhong, BinomialPower):
+        exact = largest(scaled(lobe, 2.0, 30.0), n=(1.0, 1000.0))
+        assert exact.basis == "theorem"
+        assert set(exact.width) == {"n"}
+        assert exact.settled
+    one = largest(lambda: Phong(7.0))
+    assert (one.basis, one.width, one.settled) == ("theorem", {}, True)
+    unclamped = largest(scaled(lambda n: BinomialPower(n, clamped=False), 6.0, 24.55), n=(30.0, 100.0))
+    assert unclamped.basis == "search"
+    # The theorem is about light along N: elsewhere the angle is looked for.
+    beside = largest(scaled(BlinnPhong, 8.0, 8 * np.pi), (0.1, 0.9), n=(1.0, 100.0))
+    assert beside.basis == "search"
+    assert set(beside.width) == {"n", "angle", "cell"}
+
+
+def test_the_search_tells_how_far_it_is():
+    told: list[tuple[int, float]] = []
+    albedo = Planted(lambda p, mu, _: 0.9 - (p[:, 0] - 0.3) ** 2 - (mu - 0.6) ** 2, {"a": (0.0, 1.0)})
+    found = supremum(albedo, watch=lambda points, best: told.append((points, best)))
+    points = [count for count, _ in told]
+    assert len(told) > 3
+    assert points == sorted(points)
+    assert points[-1] <= found.points
+    assert told[-1][1] == pytest.approx(0.9, abs=1e-9)
+    assert all(best <= 0.9 for _, best in told)
+
+
+def test_a_single_point():
+    for build in (lambda: Phong(3.0), lambda: CookTorrance(0.3), lambda: lambda wi, wo: Phong(3.0)(wi, wo)):
+        found = largest(build, (0.5, 0.5))
+        expected = brdfcheck.albedo(build(), 0.5)
+        assert abs(found.value - float(expected.value)) <= found.error + float(expected.error)
+        assert (found.cos_theta, found.parameters) == (0.5, {})
+
+
+# --- without bound ---
+
+
+@pytest.mark.parametrize("function", [False, True])
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("kind", ["line", "point"])
+def test_a_pole_inside_the_box_is_no_number(kind: str, power: float, function: bool):
+    """For one value of a parameter at all angles, and at one angle only."""
+
+    def surface(parameters, mu, _):
+        with np.errstate(divide="ignore"):
+            return 0.1 * np.hypot(parameters[:, 0] - 0.371, mu - 0.6 if kind == "point" else 0.0) ** -power
+
+    found = supremum(Planted(surface, {"a": (0.0, 1.0)}, function=function))
+    assert (found.value, found.least) == (np.inf, np.inf)
+    assert found.unbounded is not None
+    assert found.unbounded.startswith("towards a=0.371")
+    assert found.parameters["a"] == pytest.approx(0.371, abs=1e-3)
+    if kind == "point":
+        assert found.cos_theta == pytest.approx(0.6, abs=1e-3)
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("function", [False, True])
+def test_a_pole_at_an_end_of_the_box_is_no_number(power: float, function: bool):
+    def surface(parameters, mu, _):
+        with np.errstate(divide="ignore"):
+            return 0.1 * (1 - parameters[:, 0]) ** -power + 0 * mu
+
+    found = supremum(Planted(surface, {"a": (0.0, 1.0)}, function=function))
+    assert (found.value, found.least) == (np.inf, np.inf)
+    assert found.unbounded is not None
+    assert found.parameters["a"] == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize("function", [False, True])
+def test_a_tall_peak_is_a_number(function: bool):
+    def surface(parameters, mu, _):
+        return 1e4 / (1 + ((parameters[:, 0] - 0.371) / 3e-3) ** 2 + ((mu - 0.6) / 3e-2) ** 2)
+
+    found = supremum(Planted(surface, {"a": (0.0, 1.0)}, function=function))
+    assert found.value == pytest.approx(1e4, rel=1e-9)
+    assert found.unbounded is None
+
+
+def test_grazing_light_without_bound():
+    found = largest(lambda: PerCosine(Phong(5.0)))
+    assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)
+    # E = k mu^(-k/4): of a function only its limit tells.
+    found = largest(lambda k: lambda wi, wo: k / jnp.pi * wi[..., 2] ** (-k / 4) + 0 * wo[..., 2], k=(0.0, 1.0))
+    assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)
+    assert found.parameters["k"] > 0
+
+
+def test_the_limit_at_grazing_incidence_is_the_supremum():
+    # E = (1.02 - 0.1 mu^0.3) (1 - (k - 0.4)^2): 2e-4 above its value at a cosine of 1e-9.
+    def build(k):
+        return lambda wi, wo: (1.02 - 0.1 * wi[..., 2] ** 0.3) * (1 - (k - 0.4) ** 2) / jnp.pi + 0 * wo[..., 2]
+
+    found = largest(build, k=(0.0, 1.0))
+    assert abs(found.value - 1.02) <= found.error
+    assert found.error < 1e-6
+    assert (found.cos_theta, found.unbounded) == (0.0, None)
+    assert found.parameters["k"] == pytest.approx(0.4, abs=1e-3)
+
+
+def test_the_channel_of_the_largest_albedo():
+    found = largest(lambda k: Lambert(jnp.stack([k / 4, k / 2, k])), k=(0.0, 0.8))
+    assert (found.value, found.channel, found.channels) == (pytest.approx(0.8), 2, 3)
+    function = largest(lambda: lambda wi, wo: jnp.asarray([0.1, 0.3, 0.2, 0.1]) / jnp.pi * wo[..., 2:] ** 0)
+    assert (function.value, function.channel, function.channels) == (pytest.approx(0.3), 1, 4)
+    one = largest(lambda: Lambert(0.3))
+    assert (one.channel, one.channels) == (None, 1)
+
+
+@pytest.mark.parametrize("function", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_kink_across_the_axes_is_in_the_bar(count: int, function: bool):
+    # A roof whose crest is no axis: 1.05 in the middle of it.
+    def surface(parameters, mu, _):
+        x = np.column_stack([parameters, mu]) - 0.45
+        return 1.05 - np.abs(np.sum(x, axis=1)) - 0.1 * np.sum(x**2, axis=1)
+
+    found = supremum(Planted(surface, {f"p{i}": (0.0, 1.0) for i in range(count)}, function=function), intervals=False)
+    assert found.value + found.error >= 1.05
+    assert found.value > 1.04
+
+
 def test_the_error_bar_is_that_of_the_albedo():
     found = supremum(Planted(lambda p, mu, _: 1 - (mu - 0.5) ** 2, {}, error=1e-5))
     assert 1e-5 <= found.error < 2e-5
     assert found.value == pytest.approx(1, abs=1e-5)
 
 
-@pytest.mark.parametrize("value", [np.inf, np.nan])
-def test_what_is_not_finite_is_returned_with_its_place(value: float):
+def not_finite(value: float) -> Surface:
     def surface(parameters, mu, _):
         return np.where((parameters[:, 0] > 500) & (mu < 0.1), value, 0.5)
 
-    found = supremum(Planted(surface, {"n": (1.0, 1000.0)}))
-    assert found.value == pytest.approx(value, nan_ok=True)
+    return surface
+
+
+@pytest.mark.parametrize("function", [False, True])
+def test_what_is_infinite_is_returned_with_its_place(function: bool):
+    found = supremum(Planted(not_finite(np.inf), {"n": (1.0, 1000.0)}, function=function))
+    assert (found.value, found.error, found.least) == (np.inf, np.inf, np.inf)
+    assert found.unbounded is not None
     assert found.parameters["n"] > 500
     assert found.cos_theta < 0.1
+
+
+@pytest.mark.parametrize("function", [False, True])
+def test_where_the_albedo_is_not_a_number_it_is_not_known(function: bool):
+    found = supremum(Planted(not_finite(np.nan), {"n": (1.0, 1000.0)}, function=function))
+    assert np.isnan(found.value) or np.isinf(found.error)
+    everywhere = supremum(Planted(lambda p, mu, _: np.full(len(mu), np.nan), {"n": (1.0, 1000.0)}, function=function))
+    assert np.isnan(everywhere.value)
+    assert not everywhere.settled
 
 
 def test_intervals_of_a_wave():

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import brdfcheck
 from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PhongExact
 from brdfcheck.family import Family
 from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
@@ -45,6 +46,22 @@ CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UN
 )
 def test_judge(value: float, error: float, expected: Verdict) -> None:
     assert judge(value, error) is expected
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "least", "settled", "expected"),
+    [
+        (0.5, 0.1, None, False, UNDECIDED),
+        (1.001, 1e-12, None, False, VIOLATES),
+        (1.1, 0.3, 1.05, True, VIOLATES),  # some place is known to be above, another one may be higher
+        (1.1, 0.3, 0.9, True, UNDECIDED),
+        (0.5, 0.1, 0.45, True, CONSERVES),
+        (np.inf, np.inf, np.inf, True, VIOLATES),
+        (0.9, np.inf, 0.9, True, UNDECIDED),
+    ],
+)
+def test_what_is_known_at_least_and_a_search_that_did_not_settle(value, error, least, settled, expected) -> None:
+    assert judge(value, error, least=least, settled=settled) is expected
 
 
 def test_the_tolerance_moves_the_line() -> None:
@@ -134,6 +151,8 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
         ("phong", {"tolerance": np.nan}, ValueError, "tolerance"),
         ("phong", {"tolerance": "1e-9"}, ValueError, "tolerance"),
         ("phong", {"rtol": 2.0}, ValueError, "rtol"),
+        ("phong", {"effort": "best"}, ValueError, "effort must be one of quick, normal, thorough; got 'best'"),
+        ("phong", {"effort": None}, ValueError, "effort must be one of"),
         (Phong(3.0), {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; its parameters: n"),
         (Phong(3.0), {"n": (-1.0, 2.0)}, ValueError, "n must be >= 0; got -1"),
         (Phong, {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; it takes n"),
@@ -230,6 +249,35 @@ def test_an_infinite_albedo_violates() -> None:
     assert report.albedo == np.inf
     assert report.cos_theta == 0
     assert report.angle == 90
+    assert report.unbounded == "towards grazing incidence"
+    assert "albedo grows without bound towards grazing incidence" in str(report)
+
+
+@pytest.mark.parametrize("function", [False, True])
+def test_an_albedo_that_is_not_a_number_somewhere_never_conserves(function: bool) -> None:
+    """Not at a corner of the range, nor in its middle."""
+
+    def factory(n):
+        lobe = Normalized(Phong(jnp.where((n > 300) & (n < 500), jnp.nan, n)), Factor(2, 2 * np.pi / 0.9))
+        return (lambda wi, wo: lobe(wi, wo)) if function else lobe
+
+    report = check(factory, n=(1.0, 1000.0))
+    assert report.verdict is UNDECIDED
+    assert not report
+
+
+@pytest.mark.parametrize("cosines", [(1, 1), (0.5, 0.5), (0, 0), (0, 1)])
+@pytest.mark.parametrize("function", [False, True])
+def test_single_angles_and_whole_numbers(cosines: tuple[float, float], function: bool) -> None:
+    lobe = Normalized(Phong(3.0), PhongExact())
+    report = check((lambda wi, wo: lobe(wi, wo)) if function else lobe, cos_theta=cosines, effort="quick")
+    angle = max(cosines[1], 1e-9)
+    expected = float(brdfcheck.albedo(lobe, angle).value)
+    assert report.verdict is CONSERVES
+    assert report.albedo == pytest.approx(expected, abs=1e-7)
+    assert report.cos_theta == pytest.approx(cosines[1], abs=1e-6)
+    held = check(Phong, n=(3, 3), cos_theta=cosines, effort="quick")
+    assert held.albedo == pytest.approx(expected * 2 * np.pi / 5, abs=1e-7)
 
 
 def test_reports_add_up() -> None:
@@ -242,6 +290,78 @@ def test_reports_add_up() -> None:
     assert dataclasses.replace(report, verdict=UNDECIDED).passed is False
     assert dataclasses.replace(report, notes=("slow",)).passed is True
     assert dataclasses.replace(report, cos_theta=0.5).angle == pytest.approx(60)
+
+
+def test_a_report_is_true_where_it_passed() -> None:
+    good = check("phong", n=(1, 10), effort="quick")
+    assert good
+    assert bool(good) is good.passed is True
+    for bad in ({"findings": ("bad",)}, {"verdict": UNDECIDED}, {"verdict": VIOLATES}):
+        assert not dataclasses.replace(good, **bad)
+
+
+def test_a_report_in_words() -> None:
+    report = check("binomial-power-published")
+    first, second = str(report).splitlines()
+    assert first.startswith("binomial-power-published: VIOLATES: albedo 1.0016005217 +- ")
+    assert " at n=17.8512 angle=0 deg; exceeds 1 for n=14.303..23.0561 (tolerance 1e-9)" in first
+    assert re.search(r"^  (search|theorem).*points.*, could miss .* % of n", second)
+    words = dataclasses.replace(report, findings=("not\nreciprocal",), notes=("one", "two"), settled=False)
+    lines = str(words).splitlines()
+    assert lines[0].endswith("; not reciprocal")
+    assert ", not settled, " in lines[1]
+    assert lines[2:] == ["  note: one", "  note: two"]
+    assert str(report).isascii()
+    broken = check(raises)
+    assert str(broken).splitlines()[0] == "raises: UNDECIDED: albedo unknown (tolerance 1e-9); raises raised RuntimeError: boom"
+    assert str(broken).splitlines()[1] == "  nothing could be evaluated"
+
+
+def test_what_a_report_rests_on() -> None:
+    report = check(lambda n: Normalized(BinomialPower(n, clamped=False), Factor(6.0, 24.55)), n=(30.0, 100.0))
+    assert (report.basis, report.settled, report.effort) == ("search", True, "normal")
+    assert report.points > 1000
+    assert report.climbs >= 8
+    assert set(report.width) == {"n", "angle", "cell"}
+    assert 0 < report.width["n"] < 0.01
+    assert 0 < report.width["angle"] < 0.5
+    assert (report.channel, report.channels, report.unbounded) == (None, 1, None)
+
+
+def test_effort_and_progress() -> None:
+    seen = {}
+    for effort in ("quick", "thorough"):
+        told: list[tuple[int, float]] = []
+        report = check("blinn-phong-8", effort=effort, watch=lambda points, best, told=told: told.append((points, best)))
+        assert report.verdict is VIOLATES
+        assert report.albedo == pytest.approx(1.0752011615, abs=1e-10)
+        assert report.effort == effort
+        assert told
+        assert told[-1][1] == pytest.approx(report.albedo, abs=1e-9)
+        seen[effort] = report.points
+    assert seen["quick"] < seen["thorough"]
+
+
+def test_the_channel_that_decides_is_named() -> None:
+    report = check(Lambert(jnp.asarray([0.1, 0.9, 1.2])))
+    assert (report.channel, report.channels) == (2, 3)
+    assert "channel=blue" in str(report)
+
+
+def test_assert_conserves() -> None:
+    report = brdfcheck.assert_conserves("phong", n=(1, 10), effort="quick")
+    assert isinstance(report, Report)
+    assert report.effort == "quick"
+    with pytest.raises(AssertionError, match=r"binomial-power-published: VIOLATES: albedo 1\.00160.* at n=17\.851"):
+        brdfcheck.assert_conserves("binomial-power-published")
+    with pytest.raises(AssertionError, match=r"raised RuntimeError: boom"):
+        brdfcheck.assert_conserves(raises)
+    with pytest.raises(AssertionError, match=r"CONSERVES.*not reciprocal"):
+        brdfcheck.assert_conserves(lambda wi, wo: 0.2 * wi[..., 2] + 0 * wo[..., 2], effort="quick")
+    with pytest.raises(ValueError, match="tolerance"):
+        brdfcheck.assert_conserves("phong", tolerance=2.0)
+    with pytest.raises(KeyError):
+        brdfcheck.assert_conserves("fong")
 
 
 # --- functions of users ---
