@@ -209,6 +209,30 @@ def test_not_a_number_is_reported_not_hidden():
     assert np.isinf(result.error)
 
 
+@pytest.mark.parametrize("power", [0.1, 0.3, 0.5, 1.0])
+def test_grazing_incidence_is_the_limit(power):
+    result = albedo(lambda wi, wo: (1.02 - 0.1 * wi[..., 2] ** power) / jnp.pi + 0 * wo[..., 2], np.array([0.0, 1e-3]))
+    assert abs(float(result.value[0]) - 1.02) <= float(result.error[0]) < 1e-4
+    assert float(result.value[1]) == pytest.approx(1.02 - 0.1 * 1e-3**power, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    "growth", [lambda mu: mu**-0.5, lambda mu: 0.1 * mu**-0.1, lambda mu: -jnp.log(mu), lambda mu: 0.5 - 0.01 * jnp.log(mu)]
+)
+def test_grazing_incidence_without_bound(growth):
+    result = albedo(lambda wi, wo: growth(wi[..., 2]) / jnp.pi + 0 * wo[..., 2], 0.0)
+    assert np.isposinf(result.value)
+    assert np.isposinf(result.error)
+
+
+def test_single_directions_that_are_not_finite_are_taken_beside():
+    def divided(wi, wo):  # 0/0 for light along N
+        return (wi[..., 0] ** 2 + wi[..., 1] ** 2) / (wi[..., 0] ** 2 + wi[..., 1] ** 2) * 0.5 / jnp.pi + 0 * wo[..., 2]
+
+    result = albedo(divided, jnp.asarray([1.0, 0.5]))
+    np.testing.assert_allclose(result.value, 0.5, atol=1e-7)
+
+
 def test_public_names():
     assert brdfcheck.albedo is albedo
     for name in brdfcheck.__all__:

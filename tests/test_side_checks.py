@@ -141,6 +141,7 @@ def test_the_witness_of_a_missing_reciprocity():
     assert (side.lowest, side.broken) == (None, None)
     assert witness.value == pytest.approx(value_at(brdf, witness))
     assert witness.swapped == pytest.approx(value_at(brdf, witness, swapped=True))
+    assert witness.swapped is not None
     larger = max(abs(witness.value), abs(witness.swapped))
     assert abs(witness.value - witness.swapped) / larger == pytest.approx(side.reciprocity)
 

@@ -407,9 +407,8 @@ def not_finite(value: float) -> Surface:
     return surface
 
 
-@pytest.mark.parametrize("function", [False, True])
-def test_what_is_infinite_is_returned_with_its_place(function: bool):
-    found = supremum(Planted(not_finite(np.inf), {"n": (1.0, 1000.0)}, function=function))
+def test_what_is_infinite_is_returned_with_its_place():
+    found = supremum(Planted(not_finite(np.inf), {"n": (1.0, 1000.0)}))
     assert (found.value, found.error, found.least) == (np.inf, np.inf, np.inf)
     assert found.unbounded is not None
     assert found.parameters["n"] > 500
