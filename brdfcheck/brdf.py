@@ -15,7 +15,9 @@ import abc
 from typing import Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
@@ -24,10 +26,24 @@ Form = Literal["mirror", "half"]
 FORMS: tuple[Form, ...] = ("mirror", "half")
 
 
-def as_parameter(value: object) -> Array:
-    """`value` as a floating-point array leaf: a traced value stays as it is, a number takes JAX's default precision."""
-    array = jnp.asarray(value)
-    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+def as_parameter(value: object, name: str = "a parameter") -> Array:
+    """`value` as a floating-point array leaf: a traced value stays as it is, a number takes JAX's default precision.
+
+    TypeError, with `name` in the message, for whatever is not made of real numbers: complex numbers, truth values, text, times,
+    None. None of them is converted: a lost imaginary part would be a wrong answer.
+    """
+    wrong = f"{name} must be a real number, or an array of real numbers; got {value!r}"
+    if any(isinstance(leaf, (bool, np.bool_)) for leaf in jax.tree.leaves(value)):
+        raise TypeError(wrong)
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError) as error:  # of what no JAX array can be made
+        raise TypeError(wrong) from error
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if not jnp.issubdtype(array.dtype, jnp.integer):
+        raise TypeError(wrong)
+    return array.astype(float)
 
 
 def checked_form(form: str) -> Form:
@@ -78,6 +94,26 @@ class AbstractZonalLobe(AbstractBRDF):
     def smoothness(self) -> float:
         """The order of the sharpest break inside the profile's domain: the power with which it sets in; inf for none."""
         return 0.0
+
+    @property
+    def monotone(self) -> bool:
+        r"""True for a lobe whose profile nowhere rises with its angle; then no incidence reflects more than the normal one.
+
+        Theorem: $E(\theta) \le E(0)$ for such a lobe, in either form. By its level sets such a profile is a mixture of
+        indicators of {angle < G}, so that it is enough to show it for these.
+
+        Mirror form: a cap of directions about R, cut at the horizon. Of all sets of one solid angle the cap about N has the
+        largest projection $\int (N \cdot V)\, dV$, because it takes the directions with the largest N.V first.
+
+        Half form: the albedo is the area on the surface under the reflected directions of {angle(N, H) < G}. From $G = 45°$ on
+        light along the normal already fills the unit disc, whose area $\pi$ nothing exceeds. Below, with $x = \sin^2 G < 1/2$,
+        it fills a disc of area $\pi \sin^2 2G$; tilted light makes a limaçon of it, with the signed area
+        $\pi \cos^2\theta \sin^2 2G + 2\pi \sin^2\theta \sin^4 G$, which is smaller by $2\pi x (2 - 3x) \sin^2\theta$. What lies
+        below the horizon counts negatively there and not at all in the albedo. It is at most $\frac\pi2 \sin^2\theta$, which is
+        enough for $x \ge 1/6$; for smaller x it is at most $3\pi x \sin^2\theta$, reached only by light from
+        beyond 41.8°.
+        """
+        return False
 
     def truncated_powers(self) -> TruncatedPowers | None:
         """The profile for exponents of at least 1 as truncated powers of one order; None where it is not of that kind."""

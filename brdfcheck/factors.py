@@ -22,7 +22,7 @@ _TINY = 1e-18
 
 
 def _checked_positive(value: object, name: str) -> Array:
-    array = as_parameter(value)
+    array = as_parameter(value, name)
     if not isinstance(array, Tracer):
         values = np.asarray(array)
         if not np.all(np.isfinite(values) & (values > 0)):
@@ -49,7 +49,7 @@ class Factor(AbstractFactor):
     B: Float[Array, ""]
 
     def __init__(self, A: object, B: object):
-        self.A, self.B = as_parameter(A), as_parameter(B)
+        self.A, self.B = as_parameter(A, "A"), as_parameter(B, "B")
         if isinstance(self.A, Tracer) or isinstance(self.B, Tracer):
             return
         if not np.all(np.isfinite(np.asarray(self.A))):
@@ -99,7 +99,7 @@ class RationalFactor(AbstractFactor):
     denominator: Float[Array, " q"]
 
     def __init__(self, numerator: object, denominator: object):
-        self.numerator, self.denominator = as_parameter(numerator), as_parameter(denominator)
+        self.numerator, self.denominator = as_parameter(numerator, "numerator"), as_parameter(denominator, "denominator")
         for name, part in (("numerator", self.numerator), ("denominator", self.denominator)):
             if isinstance(part, Tracer):
                 continue

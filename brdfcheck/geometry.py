@@ -14,6 +14,11 @@ from jaxtyping import Array, Float
 _TINY = 1e-30
 
 
+def safe_root(square: Array) -> Array:
+    """sqrt with the derivative 0 at 0 and below, where it is 0."""
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
 def direction(cos_theta: Float[Array, "..."], azimuth: Float[Array, "..."] | float = 0.0) -> Float[Array, "... 3"]:
     """Unit vectors at the polar angle acos(cos_theta) and the azimuth (radians); shapes broadcast to ``(..., 3)``."""
     cos_theta, azimuth = jnp.broadcast_arrays(jnp.asarray(cos_theta), jnp.asarray(azimuth))

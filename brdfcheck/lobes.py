@@ -20,10 +20,14 @@ from brdfcheck.brdf import AbstractZonalLobe, Form, TruncatedPowers, as_paramete
 # exp(-40) = 4e-18: what lies beyond adds less than the rounding of the sum.
 _NEGLIGIBLE = 40.0
 _TINY = 1e-30
+# Up to this power a truncated power is a product, which is cheaper than an exponential and loses fewer roundings than that.
+_LARGEST_PRODUCT = 64
+# Up to here all whole numbers are floating-point numbers.
+_LARGEST_POWER = 2**53
 
 
 def _checked_exponent(n: object, name: str = "n") -> Array:
-    array = as_parameter(n)
+    array = as_parameter(n, name)
     if not isinstance(array, Tracer):
         values = np.asarray(array)
         if not np.all(np.isfinite(values) & (values >= 0)):
@@ -75,6 +79,10 @@ class Lambert(AbstractZonalLobe):
     def breaks(self) -> Float[Array, " breaks"]:
         return jnp.ones(1, self.reflectance.dtype)
 
+    @property
+    def monotone(self) -> bool:
+        return True
+
     def smoothness(self) -> float:
         return np.inf
 
@@ -102,6 +110,10 @@ class Phong(AbstractZonalLobe):
     def breaks(self) -> Float[Array, " breaks"]:
         return _power_support(self.n)
 
+    @property
+    def monotone(self) -> bool:
+        return True
+
     def smoothness(self) -> float:
         return np.inf
 
@@ -125,6 +137,10 @@ class BlinnPhong(AbstractZonalLobe):
 
     def breaks(self) -> Float[Array, " breaks"]:
         return _power_support(self.n)
+
+    @property
+    def monotone(self) -> bool:
+        return True
 
     def smoothness(self) -> float:
         return np.inf
@@ -155,6 +171,10 @@ class Schlick(AbstractZonalLobe):
 
     def breaks(self) -> Float[Array, " breaks"]:
         return jnp.ones_like(self.n)[None]
+
+    @property
+    def monotone(self) -> bool:
+        return True
 
     def smoothness(self) -> float:
         return np.inf
@@ -199,6 +219,10 @@ class KuijkBlake(AbstractZonalLobe):
         p = jnp.minimum(1 / jnp.maximum(self._reciprocal_p(), 0.5), right)
         return 2 * jnp.sin(jnp.stack([p, jnp.clip(self._q(), p, right)]) / 2) ** 2
 
+    @property
+    def monotone(self) -> bool:
+        return True
+
     def truncated_powers(self) -> TruncatedPowers:
         # With s(x) = max(0, 1 - x)^2 the lobe is (q s(a/q) - p s(a/p)) / (q - p), where q > p: for n >= 0.7.
         reciprocal_p, q = self._reciprocal_p(), self._q()
@@ -209,16 +233,23 @@ class KuijkBlake(AbstractZonalLobe):
 
 
 def _truncated_power(versine: Array, n: Array, k: int, clamped: bool) -> Array:
-    base = 1 - versine * n / k
-    return jnp.maximum(base, 0) ** k if clamped else base**k
+    if k <= _LARGEST_PRODUCT:
+        base = 1 - versine * n / k
+        return jnp.maximum(base, 0) ** k if clamped else base**k
+    # The rounding of the base would be raised to the k-th power.
+    part = versine * (n / float(k))
+    inside = part < 1
+    return jnp.where(inside, jnp.exp(float(k) * jnp.log1p(-jnp.where(inside, part, 0))), 0)
 
 
 def _truncated_support(n: Array, k: int) -> Array:
-    return jnp.minimum(k / jnp.maximum(n, 0.5), 1)[None]
+    # A high power is below exp(-n v), that is negligible, long before its end.
+    reach = float(k) if k <= _LARGEST_PRODUCT else _NEGLIGIBLE
+    return jnp.minimum(reach / jnp.maximum(n, 0.5), 1)[None]
 
 
 def _one_power(n: Array, k: int) -> TruncatedPowers:
-    return TruncatedPowers((n / k)[None], jnp.ones_like(n)[None], power=k, measure="versine")
+    return TruncatedPowers((n / float(k))[None], jnp.ones_like(n)[None], power=k, measure="versine")
 
 
 @final
@@ -249,6 +280,10 @@ class Lyon(AbstractZonalLobe):
     def breaks(self) -> Float[Array, " breaks"]:
         return _truncated_support(self.n, 2**self.w)
 
+    @property
+    def monotone(self) -> bool:
+        return True
+
     def smoothness(self) -> float:
         return float(2**self.w)
 
@@ -261,8 +296,8 @@ class BinomialPower(AbstractZonalLobe):
     r"""Binomial approximation of the power, $\max(0, 1 + (n/k)(c-1))^k$.
 
     $(1 + x/k)^k$ tends to $e^x$. Without the clamp (`clamped=False`, an exhibit of the proposal as it was printed) an
-    even power rises again past its first zero at c = 1 - k/n. ValueError for n < 0, k not a positive even integer, or an
-    unknown form.
+    even power rises again past its first zero at c = 1 - k/n. ValueError for n < 0, k not an even integer from 2 to 2^53 (to 64
+    without the clamp: a higher power of its base would not keep the digits that the error bar promises), or an unknown form.
     """
 
     n: Float[Array, ""]
@@ -273,6 +308,9 @@ class BinomialPower(AbstractZonalLobe):
     def __init__(self, n: object, k: int = 16, form: str = "half", clamped: bool = True):
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or k <= 0 or k % 2:
             raise ValueError(f"k must be a positive even integer; got {k!r}")
+        largest = _LARGEST_POWER if clamped else _LARGEST_PRODUCT
+        if k > largest:
+            raise ValueError(f"k must be at most {largest}{'' if clamped else ' without the clamp'}; got {k!r}")
         self.n = _checked_exponent(n)
         self.k = int(k)
         self.form = checked_form(form)
@@ -289,6 +327,10 @@ class BinomialPower(AbstractZonalLobe):
             # The rebound peaks at 90 degrees: a panel of its own from 45 degrees on.
             return jnp.asarray([1 - np.sqrt(0.5), 1.0], self.n.dtype)
         return _truncated_support(self.n, self.k)
+
+    @property
+    def monotone(self) -> bool:
+        return self.clamped
 
     def smoothness(self) -> float:
         return float(self.k) if self.clamped else 0.0  # the rebound needs a panel of its own

@@ -38,17 +38,20 @@ def fresnel_dielectric(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> 
     $F = \frac12 \left(\frac{g-c}{g+c}\right)^2 \left\{1 + \left[\frac{c(g+c)-1}{c(g-c)+1}\right]^2\right\}$ with
     $g^2 = \eta^2 + c^2 - 1$, $\eta = (1+\sqrt{F_0})/(1-\sqrt{F_0})$ (Cook & Torrance 1982). Shapes broadcast.
     """
-    root = jnp.sqrt(f0 + _TINY)  # not a maximum: the derivative at f0 = 0 is to survive
-    metal = root >= 1
-    eta = jnp.where(metal, 1.5, (1 + root) / jnp.where(metal, 1, 1 - root))
-    c = cosine
-    g = jnp.sqrt(jnp.maximum(eta * eta + c * c - 1, _TINY * _TINY))
-    # At f0 = 0 there is no surface (eta = 1, g = c): the quotients below stay finite and the first one is 0.
-    across = (g - c) / jnp.maximum(g + c, _TINY)
-    along = (c * (g + c) - 1) / (c * (g - c) + 1)
-    # Near f0 = 1 the missing reflectance goes like (c + 1/c)/2 times the one at normal incidence: 1, with its derivative.
-    mirror = 1 + (f0 - 1) * (c + 1 / jnp.maximum(c, _TINY)) / 2
-    return jnp.where(metal, mirror, across**2 * (1 + along**2) / 2)
+    # With r = sqrt(F0) and everything times 1 - r nothing is a difference of large or of nearly equal numbers, and r = 1 is no
+    # pole: u = (1 - r)(g + c), and g - c = 4 r / ((1 - r) u), so that the first quotient is 4 r / u and its square 16 F0 / u^2.
+    # F0 itself stands there, not the square of its root: so the derivative at F0 = 0 is the limit.
+    root = geometry.safe_root(f0)
+    missing = (1 - f0) / (1 + root)  # 1 - r, with its digits
+    near = missing * cosine
+    g = jnp.sqrt(jnp.maximum(near * near + 4 * root, _TINY * _TINY))
+    u = g + near
+    # Kept off 0, where F0 and c are both all but 0: the derivative of a quotient squares its denominator.
+    share = 4 / jnp.maximum(u * u, float(jnp.finfo(u.dtype).tiny) ** 0.4)
+    below = 4 * root * cosine + missing * u
+    seen = below > 0
+    along = jnp.where(seen, u * (cosine * u - missing) / jnp.where(seen, below, 1), 1)  # 1 for a mirror at 90 degrees
+    return f0 * share * share * (1 + along**2) / 2
 
 
 def fresnel_schlick(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -60,7 +63,7 @@ FRESNELS = {"dielectric": fresnel_dielectric, "schlick": fresnel_schlick}
 
 
 def _checked(value: object, name: str, low: float, high: float, *, open_below: bool = False) -> Array:
-    array = as_parameter(value)
+    array = as_parameter(value, name)
     if not isinstance(array, Tracer):
         values = np.asarray(array)
         good = np.isfinite(values) & (values <= high) & ((values > low) if open_below else (values >= low))
@@ -240,7 +243,7 @@ class CookTorrance(_FacetLobe):
         return 4.0 if self.convention == "published" else 1.0
 
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
-        square = jnp.maximum(half_cosine**2, _TINY)
+        square = jnp.maximum(half_cosine**2, float(jnp.finfo(half_cosine.dtype).tiny) ** 0.5)
         exponent = half_sine_squared / square
         # Divided twice: in float32 the square of a slope below 1e-19 is 0.
         exponent = (exponent if not self.m.ndim else exponent[..., None]) / self.m / self.m
@@ -255,9 +258,10 @@ class CookTorrance(_FacetLobe):
     def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) cos(theta),
         # so that nothing is large: the derivative of a quotient squares its denominator, which float32 must hold.
-        spread = self.m * jnp.sqrt(jnp.maximum((1 - cosine) * (1 + cosine), _TINY))
+        spread = self.m * geometry.safe_root((1 - cosine) * (1 + cosine))
         # Beyond 30 all is 1 or 0; squares, and with them derivatives, would overflow.
-        a = jnp.minimum(cosine / spread, 30)
+        steep = cosine < 30 * spread
+        a = jnp.where(steep, cosine / jnp.where(steep, spread, 1), 30)
         root = float(np.sqrt(np.pi))
         return jnp.full_like(cosine, 2 * root), root * cosine * (1 + erf(a)) + spread * jnp.exp(-a * a)
 

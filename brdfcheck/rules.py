@@ -65,7 +65,9 @@ def phong_albedo(n: Float[Array, ""], mu: Float[Array, ""]) -> Float[Array, ""]:
     top = series / jnp.sqrt(large)
     steps = jnp.arange(_SHIFT, dtype=mu.dtype)
     ratios = top * jnp.cumprod(((b + steps + 1) / (b + steps + 0.5))[::-1])[::-1]
-    powers = jnp.where(slanted, jnp.exp((b + steps) * logarithm), jnp.where(b + steps > 0, 0.0, 1.0))
+    # Of q = 0 the first power alone has a derivative that matters: that of lower ones is lost with the term itself.
+    upright = jnp.where(b + steps == 1, 1 - square, jnp.where(b + steps > 0, 0, 1))
+    powers = jnp.where(slanted, jnp.exp((b + steps) * logarithm), upright)
     terms = ratios * powers
     rest = terms[0] - square * jnp.sum(terms)
     return (np.pi * mu * (1 + _beta_share(large, top, mu)) + math.sqrt(math.pi) * rest) / (n + 2)
@@ -121,7 +123,8 @@ class ClosedForm(AbstractRule):
             factor = exact_factor(core)
             assert factor is not None
             normal = mu == 1
-            value = jnp.where(normal, 1 / factor(core.n), jnp.nan)
+            # The square root is 0, and its derivative infinite: that of the albedo is not known, and must not look like 0.
+            value = jnp.where(normal, 1 / factor(core.n), jnp.nan) + 0 * jnp.sqrt(1 - mu)
             status = jnp.where(normal, OK, NOT_KNOWN)
         return Raw(value, self.roundings * jnp.finfo(mu.dtype).eps * jnp.abs(value), 0, status)
 

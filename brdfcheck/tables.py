@@ -310,7 +310,11 @@ def _blocks(rising: np.ndarray, plan: _Plan | _PowerPlan) -> tuple[int, ...]:
 
 
 def _checked_exponents(n: object) -> np.ndarray:
-    values = np.asarray(n, dtype=float)
+    values = np.asarray(n)
+    # Not numpy's own conversion: it reads text and times, and drops imaginary parts.
+    if values.dtype.kind not in "iuf" or any(isinstance(leaf, (bool, np.bool_)) for leaf in jax.tree.leaves(n)):
+        raise TypeError(f"n must be a list of real numbers; got {n!r}")
+    values = values.astype(float)
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"n must be a non-empty list of exponents; got shape {values.shape}")
     if not np.all(np.isfinite(values) & (values >= 0)):

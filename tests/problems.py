@@ -102,6 +102,13 @@ PHONG_POLYNOMIALS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
+def slope_at_normal(values: Callable[[np.ndarray], Any], reach: float = 0.3) -> float:
+    """dE/dcos(theta) at normal incidence from values alone: a polynomial in theta, odd powers included, up to `reach`."""
+    theta = reach * (1 - np.cos(np.pi * np.arange(33) / 32)) / 2
+    series = np.polynomial.chebyshev.Chebyshev.fit(theta, np.asarray(values(np.cos(theta))), 16)
+    return -float(series.deriv(2)(0.0))
+
+
 def brute_force(brdf: Callable[..., Any], cos_theta: float, azimuth: float = 0.0, count: int = 1200) -> float:
     """A plain product rule over the hemisphere of wo: knows neither kinks nor lobes. Good to about 1e-6 for wide lobes."""
     x, w = np.polynomial.legendre.leggauss(count)

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import datetime
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from brdfcheck.directional import albedo
-from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PerCosine, PhongExact
+from brdfcheck.factors import (
+    BlinnPhongExact,
+    Constant,
+    Factor,
+    Normalized,
+    PerCosine,
+    PhongExact,
+    Proportional,
+    RationalFactor,
+)
 from brdfcheck.lobes import BlinnPhong, Lambert, Phong
-from brdfcheck.microfacet import GGX
+from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.tables import albedo_table
 
 N = np.array([0.0, 0.5, 1.0, 2.0, 17.85, 1000.0, 1e7])
 WI = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 1.0], [0.0, 0.8, 0.6]])
@@ -106,3 +118,51 @@ def test_per_cosine_divides_by_the_cosine_of_the_light():
     assert np.all(np.isfinite(PerCosine(lobe)(flat, WO[:1])))
     # Not reciprocal: that is the defect it exhibits.
     assert not np.allclose(PerCosine(lobe)(WI, WO), PerCosine(lobe)(WO, WI))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        1 + 5j,
+        np.complex64(3),
+        jnp.asarray([1.0 + 2.0j]),
+        True,
+        np.bool_(True),
+        np.array([True]),
+        [True, 2.0],
+        "5",
+        np.array("5"),
+        b"5",
+        np.timedelta64(5, "s"),
+        np.array([5], "m8[s]"),
+        np.datetime64("2020-01-01"),
+        datetime.timedelta(days=3),
+        [None],
+        object(),
+    ],
+    ids=repr,
+)
+def test_parameters_that_are_not_real_numbers_are_refused(wrong):
+    makers = {
+        "n": Phong,
+        "reflectance": Lambert,
+        "alpha": GGX,
+        "m": CookTorrance,
+        "f0": lambda value: GGX(0.3, value),
+        "weights": lambda value: CookTorrance(0.3, weights=value),
+        "A": lambda value: Factor(value, 2),
+        "B": lambda value: Proportional(value),
+        "the constant": Constant,
+        "numerator": lambda value: RationalFactor(value, [1.0]),
+    }
+    for name, make in makers.items():
+        with pytest.raises(TypeError, match=rf"{name} must be a real number"):
+            make(wrong)
+    with pytest.raises(TypeError, match="n must be a list of real numbers"):
+        albedo_table(Phong, [wrong] if np.ndim(wrong) == 0 else wrong, [0.5])
+
+
+def test_none_is_not_a_number():
+    for make in (Phong, Lambert, GGX, Constant):
+        with pytest.raises(TypeError, match="must be a real number"):
+            make(None)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import brute_force, facet_lobe, facet_tables
+from problems import brute_force, facet_lobe, facet_tables, slope_at_normal
 
 from brdfcheck.directional import albedo
 from brdfcheck.microfacet import GGX, CookTorrance
@@ -100,3 +100,42 @@ def test_float32_is_honest():
         assert single.value.dtype == jnp.float32
         assert np.all(error <= np.asarray(single.error))
         assert np.max(error) <= 1e-5
+
+
+@pytest.mark.parametrize(
+    "lobe",
+    [
+        *(
+            lobe
+            for masking in ("v-cavities", "smith-separable", "smith-correlated", "none")
+            for lobe in (CookTorrance(0.6, 0.5, masking=masking), GGX(0.4, 0.04, masking=masking))
+        ),
+        CookTorrance(0.2),
+    ],
+    ids=str,
+)
+def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(lobe):
+    def value(mu):
+        return albedo(lobe, mu).value
+
+    right = slope_at_normal(value, 0.2)
+    assert float(jax.grad(value)(1.0)) == pytest.approx(right, abs=3e-7)
+    assert float(jax.jacfwd(value)(1.0)) == pytest.approx(right, abs=3e-7)
+    assert float(jax.grad(value)(1 - 2.0**-53)) == pytest.approx(right, abs=3e-7)
+
+
+@pytest.mark.parametrize(
+    ("eta", "right"),
+    [(1.0001, 1.960504168552696e-08), (1.00001, 1.9627115304507542e-10), (1.000001, 1.962932553730925e-12), (1.0, 0.0)],
+)
+def test_a_faint_surface_reflects_what_it_should(eta, right):
+    found = albedo(GGX(0.3, ((eta - 1) / (eta + 1)) ** 2), 0.5)
+    assert abs(float(found.value) - right) <= float(found.error) <= 1e-9 * right
+
+
+def test_without_masking_the_cosine_of_grazing_light_has_all_its_digits():
+    # Goes like 1/cos: whatever is added to the cosine is seen.
+    found = albedo(GGX(2.4e-4, masking="none"), 1e-9)
+    assert abs(float(found.value) - 120000.50000075155) <= float(found.error)
+    near, nearer = (float(albedo(CookTorrance(0.3, masking="none"), mu).value) for mu in (1e-6, 1e-16))
+    assert nearer * 1e-16 == pytest.approx(near * 1e-6, rel=1e-5)

@@ -13,6 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from test_geometry import near_mirror, random_directions
 
+from brdfcheck.directional import albedo
 from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PhongExact
 from brdfcheck.family import Family
 from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
@@ -371,3 +372,40 @@ def test_validated_factors_conserve_wherever_one_looks(points: list[tuple[float,
         value, error = PointwiseAlbedo(Family(name, build, {"n": (low, high)}))(n[:, None], mu, np.zeros_like(mu))
         assert np.all(value - error <= 1 + 1e-9), name
         assert np.all(value > 0), name
+
+
+EXPONENTS = np.array([0.0, 1e-9, 1e-3, 0.1, 0.3, 0.5, 0.62, 0.63, 0.7, 0.999, 1.0, 1.5, 7.0, 16.0, 54.6, 300.0, 1e4, 1e7])
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_lobe_that_says_it_does_not_rise_does_not(name: str) -> None:
+    build = FORMULAS[name][0]
+    assert build(1.0).monotone == (name in CLAMPED)
+    versine = np.unique(np.concatenate([np.geomspace(1e-12, 1, 4000), np.linspace(0, 1, 4001)]))
+    rises = 0.0
+    for n in EXPONENTS:
+        profile = np.asarray(build(n).profile(jnp.asarray(versine)))
+        rises = max(rises, float(np.max(np.diff(profile))))
+    if name not in CLAMPED:
+        assert rises > 1
+        return
+    assert rises <= 16 * np.finfo(float).eps
+    # The theorem: no incidence reflects more than the normal one.
+    cosines = jnp.asarray([1.0, 1 - 1e-9, 0.99, 0.9, 0.7, 0.5, 0.3, 0.1, 0.01, 1e-4, 0.0])
+    found = jax.vmap(albedo, (0, None))(build(jnp.asarray(EXPONENTS)), cosines)
+    value, error = np.asarray(found.value), np.asarray(found.error)
+    assert np.all(value <= value[:, :1] + error + error[:, :1])
+
+
+def test_other_lobes_that_do_not_rise() -> None:
+    assert Lambert(0.5).monotone
+    assert Lyon(5.0, 16).monotone
+    assert BinomialPower(5.0, 2**20).monotone
+    assert not BinomialPower(5.0, clamped=False).monotone
+
+
+@pytest.mark.parametrize(("k", "clamped"), [(2**53 + 2, True), (66, False)])
+def test_powers_that_would_lose_their_digits_are_refused(k: int, clamped: bool) -> None:
+    with pytest.raises(ValueError, match="k must be at most"):
+        BinomialPower(5.0, k, clamped=clamped)
+    BinomialPower(5.0, 2**53 if clamped else 64, clamped=clamped)

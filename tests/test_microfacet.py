@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import decimal
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -238,3 +240,41 @@ def test_bad_parameters_are_refused(build, message: str) -> None:
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         build()
     assert message in str(caught.value)
+
+
+def fresnel_to_many_digits(cosine: float, f0: float) -> decimal.Decimal:
+    """The formula with 200 digits."""
+    with decimal.localcontext(decimal.Context(prec=200)):
+        c, root = decimal.Decimal(cosine), decimal.Decimal(f0).sqrt()
+        if root in (0, 1):
+            return root
+        g = (((1 + root) / (1 - root)) ** 2 + c * c - 1).sqrt()
+        return ((g - c) / (g + c)) ** 2 / 2 * (1 + ((c * (g + c) - 1) / (c * (g - c) + 1)) ** 2)
+
+
+@pytest.mark.parametrize("f0", [0.0, 1e-40, 1e-18, 1e-8, 0.04, 0.999, 1 - 1e-6, 1 - 1e-12, 1 - 2.0**-53, 1.0])
+def test_dielectric_fresnel_keeps_its_digits_near_no_surface_and_near_a_mirror(f0: float) -> None:
+    for cosine in (1.0, 1 - 1e-10, 0.5, 1e-3, 1e-6, 1e-9):
+        right = fresnel_to_many_digits(cosine, f0)
+        found = decimal.Decimal(float(fresnel_dielectric(jnp.asarray(cosine), jnp.asarray(f0))))
+        assert abs(found - right) <= decimal.Decimal("1e-14") * right
+        slopes = jax.grad(fresnel_dielectric, (0, 1))(jnp.asarray(cosine, jnp.float32), jnp.asarray(f0, jnp.float32))
+        assert np.all(np.isfinite(slopes))
+
+
+@pytest.mark.parametrize("cosine", [1.0, 0.5, 0.1])
+def test_derivatives_of_fresnel_where_there_is_no_surface_and_at_a_mirror(cosine: float) -> None:
+    slope = jax.grad(fresnel_dielectric, 1)
+    assert float(slope(cosine, 0.0)) == pytest.approx((1 + (2 * cosine**2 - 1) ** 2) / (2 * cosine**4), rel=1e-13)
+    assert float(slope(cosine, 1.0)) == pytest.approx((cosine + 1 / cosine) / 2, rel=1e-13)
+
+
+def test_smith_masking_of_the_steepest_facets_is_none_along_the_normal() -> None:
+    top, bottom = CookTorrance(1e9, masking="smith-separable").shadowing(jnp.asarray(1.0))
+    assert float(top / bottom) == pytest.approx(1, rel=1e-15)
+
+
+def test_the_distribution_of_the_steepest_facets_has_no_floor() -> None:
+    m, cosine = 1e10, 1e-11
+    found = CookTorrance(m).distribution(jnp.asarray(cosine), jnp.asarray(1.0))
+    assert float(found) == pytest.approx(math.exp(-1 / (cosine * m) ** 2) / (math.pi * m**2 * cosine**4), rel=1e-12)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import slope_at_normal
 
 from brdfcheck import Factor, Normalized, albedo_table
 from brdfcheck.lobes import BinomialPower, KuijkBlake, Lyon, Phong
@@ -176,3 +177,21 @@ def test_too_few_intervals_are_admitted_by_the_bar():
         error = np.abs(np.asarray(value - exact))
         assert np.max(error / exact) > 1e-9
         assert np.all(error <= np.asarray(bar) + 1e-13 * exact)
+
+
+@pytest.mark.parametrize(
+    ("form", "measure"), [("half", "angle"), ("half", "versine"), ("mirror", "angle"), ("mirror", "versine")]
+)
+def test_derivatives_at_normal_incidence(form, measure):
+    # One end beyond the horizon, where the circles past it count, and one inside.
+    ends = jnp.asarray([0.7, 5.0])
+    orders = (MomentOrder(40, 12, 44, 6), MomentOrder(8, 10, 38, 12))
+
+    @jax.jit
+    def values(mu):
+        return truncated_powers(form, measure, 2, prepare(form, measure, 2, ends), mu, orders)[0]
+
+    forward = np.asarray(jax.jit(jax.jacfwd(values))(1.0))
+    right = [slope_at_normal(lambda mu, end=end: np.asarray(jax.vmap(values)(mu))[:, end], 0.2) for end in (0, 1)]
+    assert forward == pytest.approx(right, rel=1e-6)
+    assert np.asarray(jax.jit(jax.jacrev(values))(1.0)) == pytest.approx(forward, rel=1e-12)

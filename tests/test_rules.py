@@ -388,6 +388,41 @@ def test_derivatives_in_the_exponent_and_the_angle(name):
     assert np.all(np.isfinite(slopes(6.0, 1e-4)))
 
 
+@pytest.mark.parametrize("mode", [jax.jacrev, jax.jacfwd])
+@pytest.mark.parametrize("name", TRACED)
+def test_derivatives_at_normal_incidence_are_the_limit(name, mode):
+    setting, within = GOOD[name]
+    rule = RULES[name](setting)
+    lobe, right = {
+        "half-vector": (CookTorrance(0.6, 0.5, masking="smith-correlated"), 0.0979796805),  # the slope of the values
+        "closed-form": (Phong(6.0), np.pi / 4),
+        "lobe-warped-gauss": (Phong(6.0), np.pi / 4),  # see its docstring
+    }.get(name, (BlinnPhong(10.0), 2.3421695230))
+    slope = jax.jit(mode(lambda mu: rule(lobe, mu, key=KEY if rule.random else None).value))
+    for mu in (1.0, 1 - 2.0**-53):
+        assert float(slope(mu)) == pytest.approx(right, rel=max(within, 1e-7))
+
+
+def test_derivatives_of_what_a_function_closes_over():
+    for rule in (product.GaussProduct(16), montecarlo.CosineMonteCarlo(256), warped.TanhSinh(3)):
+
+        def value(shape, mu, rule=rule):
+            return rule(lambda wi, wo: shape[0] * wo[..., 2] + wi[..., 2] ** 2, mu, key=KEY if rule.random else None).value
+
+        by_shape, by_mu = jax.jit(jax.grad(value, (0, 1)))(jnp.asarray([0.3]), 0.8)
+        assert by_shape == pytest.approx([2 * np.pi / 3], rel=0.1 if rule.random else 1e-12)
+        assert by_mu == pytest.approx(1.6 * np.pi, rel=1e-12 if not rule.random else 1e-9)
+
+
+def test_closed_forms_know_their_derivatives_or_say_so():
+    rule = ClosedForm()
+    assert float(jax.grad(lambda mu: rule(Phong(0.0), mu).value)(1.0)) == pytest.approx(np.pi / 2, rel=1e-14)
+    by_n, by_mu = jax.jit(jax.grad(lambda n, mu: rule(BinomialPower(n), mu).value, (0, 1)))(20.0, 1.0)
+    expected = jax.grad(lambda n: albedo(BinomialPower(n), 1.0).value)(20.0)
+    assert float(by_n) == pytest.approx(float(expected), rel=1e-10)
+    assert np.isnan(by_mu)
+
+
 @pytest.mark.slow
 def test_derivatives_of_the_half_vector_rule():
     rule = exact.HalfVector(32)

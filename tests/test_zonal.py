@@ -14,11 +14,12 @@ from problems import (
     brute_force,
     phong_at_normal,
     schlick_mirror_at_normal,
+    slope_at_normal,
     zonal_tables,
 )
 
 from brdfcheck.directional import albedo
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Phong, Schlick
+from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.quadrature.gauss import gauss
 from brdfcheck.quadrature.polar import Order, graded_gauss
 from brdfcheck.quadrature.zonal import zonal_weights
@@ -151,3 +152,86 @@ def test_a_factor_one_percent_too_large_is_seen():
     planted = Normalized(Phong(50.0), Factor(2, 2 * np.pi / 1.01))
     result = albedo(planted, 1.0)
     assert result.value - result.error > 1.0099
+
+
+SLOPES = {  # at normal incidence, by ball arithmetic
+    "binomial-power-half": (BinomialPower(1.0), 0.8074859717),
+    "blinn-phong-0.01": (BlinnPhong(0.01), 0.0114038988),
+    "blinn-phong-10": (BlinnPhong(10.0), 2.3421695230),
+    "lambert": (Lambert(0.7), 0.0),
+    "a hemisphere": (Phong(0.0), np.pi / 2),  # E = pi (1 + mu) / 2
+    **{f"phong-{n:g}": (Phong(n), 2 * np.pi / (n + 2)) for n in (0.05, 0.3, 1.0, 10.0, 1e5)},
+}
+
+
+@pytest.mark.parametrize("name", SLOPES)
+def test_the_derivative_at_normal_incidence_is_the_limit(name):
+    lobe, right = SLOPES[name]
+
+    def value(mu):
+        return albedo(lobe, mu).value
+
+    assert float(jax.grad(value)(1.0)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+    assert float(jax.jacfwd(value)(1.0)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lobe)
+    assert float(jax.grad(lambda mu: albedo(single, mu).value)(jnp.float32(1))) == pytest.approx(right, rel=2e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "lobe",
+    [
+        *(family(form) for form in ("mirror", "half") for family in (
+            lambda form: BinomialPower(1.0, form=form),
+            lambda form: BinomialPower(20.0, form=form, clamped=False),
+            lambda form: KuijkBlake(1.0, form),
+            lambda form: KuijkBlake(0.0, form),
+            lambda form: Lyon(6.0, 2, form),
+        )),
+        Schlick(0.0),
+        Schlick(5.0, "half"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(lobe):
+    right = slope_at_normal(lambda mu: albedo(lobe, mu).value)
+    assert float(jax.grad(lambda mu: albedo(lobe, mu).value)(1.0)) == pytest.approx(right, rel=1e-7, abs=1e-7)
+    # Nothing jumps on the way there.
+    beside = jax.grad(lambda mu: albedo(lobe, mu).value)(1 - 2.0**-53)
+    assert float(beside) == pytest.approx(right, rel=1e-6, abs=1e-6)
+
+
+HUGE_POWERS = [
+    (BinomialPower(10.0, 2**31, "half"), 0.5, 0.652639530780980840),
+    (BinomialPower(10.0, 2**40, "mirror"), 1.0, 0.565489530207478883),
+]
+
+
+@pytest.mark.parametrize(("lobe", "mu", "right"), HUGE_POWERS)
+def test_huge_powers_keep_their_digits(lobe, mu, right):
+    found = albedo(lobe, mu)
+    assert abs(float(found.value) - right) <= float(found.error) <= 1e-13
+    single = albedo(jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lobe), np.float32(mu))
+    assert abs(float(single.value) - right) <= float(single.error) <= 1e-4
+
+
+@pytest.mark.parametrize("form", ["mirror", "half"])
+@pytest.mark.parametrize("power", [1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53])
+def test_bars_of_any_power_contain_the_closed_form(power, form):
+    # At normal incidence, for lobes that end inside: (1 - v/e)^k with e = k/n times a polynomial in v.
+    k = 2**power
+    n = np.geomspace(4, 1e6, 40)
+    n = n[n * (1.0 if form == "mirror" else 1 - np.sqrt(0.5)) > k] if k < 1e7 else n[n > 200]
+    if not n.size:
+        n = np.array([8.0 * k])
+    e = k / n
+    # int (1 - v/e)^k v^j dv = e^(j+1) j! k!/(k+j+1)!, the reciprocal of (k+1)...(k+j+1).
+    moments, share = [], np.ones_like(e)
+    for j in range(4):
+        share = share * e * max(j, 1) / (k + j + 1)
+        moments.append(share)
+    coefficients = 2 * np.pi * np.array([1, -1]) if form == "mirror" else 8 * np.pi * np.array([1, -5, 6, -2])
+    right = sum(c * part for c, part in zip(coefficients, moments, strict=False))
+    found = jax.vmap(lambda n: albedo(BinomialPower(n, k, form), 1.0))(jnp.asarray(n))
+    # Beyond the end the integral goes on for the largest powers: by exp(-n) and less.
+    assert np.all(np.abs(np.asarray(found.value) - right) <= np.asarray(found.error))
+    assert np.all(np.asarray(found.error) <= 1e-12 * right)

@@ -27,7 +27,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf import Form
 from brdfcheck.quadrature.gauss import gauss
-from brdfcheck.quadrature.polar import graded_gauss, grazing_safe, safe_root
+from brdfcheck.quadrature.polar import EDGE_SHARE, graded_gauss, grazing_safe, half_elevation, safe_root
 
 Measure = Literal["versine", "angle"]
 
@@ -114,6 +114,7 @@ class _Geometry(NamedTuple):
 
     mu: Array
     sine: Array
+    sine_squared: Array  # has a derivative at normal incidence, where the sine has none
     versine: Array  # of the elevation d
     layer: Array  # t_d: the angle 0 is t = i t_d, as seen from either end of the cut circles
     kink: Array  # d and the end of the horizon in the lobe's measure
@@ -122,8 +123,9 @@ class _Geometry(NamedTuple):
 
 def _geometry(form: Form, measure: Measure, cos_theta: Array) -> _Geometry:
     mu, sine = grazing_safe(cos_theta)
-    half_d = mu / (1 + sine)
-    versine = mu * half_d
+    half_d = half_elevation(mu, sine)
+    # At normal incidence the kink does not move: what its moving adds is in `EDGE_SHARE`.
+    versine = jnp.where(sine > 0, mu * half_d, 1)
     # The angle x = 0 is f = i artanh(mu).
     layer = half_d / (1 + safe_root(1 - half_d * half_d))
     d = 2 * jnp.arctan(half_d)
@@ -134,12 +136,14 @@ def _geometry(form: Form, measure: Measure, cos_theta: Array) -> _Geometry:
         kink, end = versine / 2 / (1 + jnp.sqrt(1 - versine / 2)), 1 - jnp.sqrt(versine / 2)
     else:
         kink, end = d / 2, np.pi / 2 - d / 2
-    return _Geometry(mu, sine, versine, layer, kink, end)
+    return _Geometry(mu, sine, (1 - mu) * (1 + mu), versine, layer, kink, end)
 
 
 def _quarter(at: _Geometry, above: Array) -> Array:
     """tan(f/4) where the versine is that of d plus `above`, in [0, 2 sine]."""
-    return safe_root(above) / jnp.maximum(safe_root(2 * at.sine - above) + safe_root(2 * at.sine), _TINY)
+    total = safe_root(2 * at.sine - above) + safe_root(2 * at.sine)
+    # Not over a maximum: at normal incidence, where both parts are 0, the derivative would be 0 times infinity.
+    return safe_root(above) / jnp.where(total > 0, total, 1)
 
 
 class _Map(NamedTuple):
@@ -192,7 +196,7 @@ def _circles(form: Form, measure: Measure, at: _Geometry, count: int) -> tuple[A
     if form == "mirror":
         density = 2 * np.pi * at.mu * c
     else:
-        density = 8 * np.pi * c * (at.mu**2 * (2 * c * c - 1) + at.sine**2 * v * (2 - v))
+        density = 8 * np.pi * c * (at.mu**2 * (2 * c * c - 1) + at.sine_squared * v * (2 - v))
     return x, at.kink * weights * (density if measure == "versine" else density * jnp.sin(x))
 
 
@@ -252,6 +256,8 @@ def _values(
     for j in range(power + 1):
         shares = (jnp.maximum(1 - x / at.end, 0) for x, _ in parts)
         moments.append(sum(y**j @ part[1] for y, part in zip(shares, parts, strict=True)))
+    # 0; its derivative at normal incidence is that of the circles past the horizon.
+    moments[0] = moments[0] + jnp.where(at.sine == 0, EDGE_SHARE[form] * at.sine_squared, 0)
     return values, jnp.stack(moments)
 
 
@@ -329,7 +335,7 @@ def truncated_powers(
     cut = jax.lax.optimization_barrier(_chebyshev_sum(coefficients, place))
     cut = cut * scale
     doubt = jnp.where(right, tails[1], tails[0]) * scale if form == "half" else tails[0] * scale
-    full = ends.first * at.mu if form == "mirror" else ends.first * at.mu**2 + ends.second * at.sine**2
+    full = ends.first * at.mu if form == "mirror" else ends.first * at.mu**2 + ends.second * at.sine_squared
     y = jnp.minimum(at.end * ends.reciprocal, 1)
     beyond, raised = jnp.full_like(y, moments[0]), jnp.ones_like(y)
     for j in range(1, power + 1):

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
-from brdfcheck.quadrature.rule import AbstractRule, Raw, block_count, by_blocks, checked_count, evaluate, light, on_sphere
+from brdfcheck.quadrature.rule import AbstractLightRule, Raw, block_count, by_blocks, checked_count, evaluate, on_sphere
 
 _SAMPLES = (2**6, 2**8, 2**10, 2**12, 2**14, 2**16, 2**18, 2**20)
 # How the samples of the lobe rule are shared out, in eighths: the main proposal, the tail (zonal lobes), the cosine.
@@ -71,7 +71,7 @@ def _root(square: Array) -> Array:
 
 
 @final
-class UniformMonteCarlo(AbstractRule):
+class UniformMonteCarlo(AbstractLightRule):
     """Directions of equal probability over the hemisphere. ValueError for fewer than one sample."""
 
     samples: int = eqx.field(static=True)
@@ -81,6 +81,7 @@ class UniformMonteCarlo(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = True
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def __init__(self, samples: int = 2**14):
         self.samples = checked_count(samples, "samples")
@@ -88,11 +89,9 @@ class UniformMonteCarlo(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        wi = light(mu)
-
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         def terms(key: Any, count: int) -> Array:
-            z, azimuth = _uniforms(key, count, mu.dtype)
+            z, azimuth = _uniforms(key, count, wi.dtype)
             wo = on_sphere(jnp.sqrt((1 - z) * (1 + z)), z, azimuth)
             return evaluate(core, wi, wo, 2 * np.pi * z)
 
@@ -100,7 +99,7 @@ class UniformMonteCarlo(AbstractRule):
 
 
 @final
-class CosineMonteCarlo(AbstractRule):
+class CosineMonteCarlo(AbstractLightRule):
     """Directions with the density (N.wo)/pi. ValueError for fewer than one sample."""
 
     samples: int = eqx.field(static=True)
@@ -110,6 +109,7 @@ class CosineMonteCarlo(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = True
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def __init__(self, samples: int = 2**14):
         self.samples = checked_count(samples, "samples")
@@ -117,11 +117,9 @@ class CosineMonteCarlo(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        wi = light(mu)
-
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         def terms(key: Any, count: int) -> Array:
-            u, azimuth = _uniforms(key, count, mu.dtype)
+            u, azimuth = _uniforms(key, count, wi.dtype)
             wo = on_sphere(jnp.sqrt(1 - u), jnp.sqrt(u), azimuth)
             return evaluate(core, wi, wo, jnp.full_like(u, np.pi))
 
@@ -129,12 +127,13 @@ class CosineMonteCarlo(AbstractRule):
 
 
 @final
-class LobeMonteCarlo(AbstractRule):
+class LobeMonteCarlo(AbstractLightRule):
     """Directions where the lobe is: a power of the cosine about its axis, or the slopes of its facets.
 
     An eighth of the samples follows the cosine instead, and for lobes about an axis a quarter a tail, so that no part of
     a lobe is left out; all are weighted by the balance heuristic (Veach 1997). Directions below the horizon count as
-    evaluations. ValueError unless the samples are a multiple of 8.
+    evaluations; towards normal incidence derivatives lack, as those of `LobeWarpedGauss`, what the directions about the lobe
+    gain at the horizon. ValueError unless the samples are a multiple of 8.
     """
 
     samples: int = eqx.field(static=True)
@@ -144,6 +143,7 @@ class LobeMonteCarlo(AbstractRule):
     needs: ClassVar[str] = "a lobe about an axis or a microfacet lobe"
     random: ClassVar[bool] = True
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def __init__(self, samples: int = 2**14):
         self.samples = checked_count(samples, "samples", 16)
@@ -153,13 +153,13 @@ class LobeMonteCarlo(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return has_axis(core)
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        lobe = LobeGeometry(core, mu)
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
+        lobe = LobeGeometry(core, wi[2], wi)
         shares = _SHARES["facets" if lobe.facets else "zonal"]
 
         def terms(key: Any, count: int) -> Array:
             """The terms of the balance heuristic for directions drawn from one proposal after the other."""
-            u, azimuth = _uniforms(key, count, mu.dtype)
+            u, azimuth = _uniforms(key, count, wi.dtype)
             main = count * shares[0] // 8
             about = count - count * shares[-1] // 8
             versine = jnp.concatenate([lobe.versine(u[:main]), lobe.tail_versine(u[main:about])])
@@ -195,9 +195,8 @@ def _r2(count: int) -> np.ndarray:
     return (0.5 + np.arange(1, count + 1)[:, None] * np.array([1 / g, 1 / g**2])) % 1.0
 
 
-def _quasi(core: Callable[..., Any], mu: Array, key: Any, table: Callable[[int], np.ndarray], count: int) -> Raw:
+def _quasi(core: Callable[..., Any], wi: Array, key: Any, table: Callable[[int], np.ndarray], count: int) -> Raw:
     """Points of the unit square as directions with the density (N.wo)/pi; with a key, shifted at random."""
-    wi = light(mu)
 
     def total(points: Array) -> Array:
         u, azimuth = points[:, 0], 2 * np.pi * points[:, 1]
@@ -205,18 +204,18 @@ def _quasi(core: Callable[..., Any], mu: Array, key: Any, table: Callable[[int],
         return jnp.sum(evaluate(core, wi, wo, jnp.full_like(u, np.pi)), axis=0)
 
     if key is None:
-        points = jnp.asarray(table(count), mu.dtype)
+        points = jnp.asarray(table(count), wi.dtype)
         return Raw(by_blocks(total, (points,), block_count(count)) / count, jnp.inf, count)
     part = count // _SHIFTS
-    points = jnp.asarray(table(part), mu.dtype)
-    shifts = jax.random.uniform(key, (_SHIFTS, 2), mu.dtype)
+    points = jnp.asarray(table(part), wi.dtype)
+    shifts = jax.random.uniform(key, (_SHIFTS, 2), wi.dtype)
     values = jax.lax.map(lambda shift: by_blocks(total, ((points + shift) % 1.0,), block_count(part)) / part, shifts)
     mean, square = _moments(values)
     return Raw(mean, _root(square / (_SHIFTS - 1) / _SHIFTS), count)
 
 
 @final
-class Sobol(AbstractRule):
+class Sobol(AbstractLightRule):
     """Sobol's sequence mapped to directions of density (N.wo)/pi.
 
     Without a key the sequence is as it is, and the rule claims nothing; with one, the points are divided over eight
@@ -230,6 +229,7 @@ class Sobol(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def __init__(self, points: int = 2**14):
         self.points = checked_count(points, "points", 16)
@@ -239,12 +239,12 @@ class Sobol(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        return _quasi(core, mu, key, _sobol, self.points)
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
+        return _quasi(core, wi, key, _sobol, self.points)
 
 
 @final
-class R2Lattice(AbstractRule):
+class R2Lattice(AbstractLightRule):
     """The additive lattice of the plastic number (Roberts 2018), mapped to directions of density (N.wo)/pi.
 
     The key as for `Sobol`. ValueError unless the points are a multiple of 8, at least 16.
@@ -257,6 +257,7 @@ class R2Lattice(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def __init__(self, points: int = 2**14):
         self.points = checked_count(points, "points", 16)
@@ -266,5 +267,5 @@ class R2Lattice(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        return _quasi(core, mu, key, _r2, self.points)
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
+        return _quasi(core, wi, key, _r2, self.points)

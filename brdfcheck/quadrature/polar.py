@@ -23,15 +23,24 @@ import functools
 from math import comb
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import Form
+from brdfcheck.geometry import safe_root as safe_root
 from brdfcheck.quadrature.gauss import gauss
 
-# Added to every cosine, so that none is 0: no result depends on it, and its square is normal in float32.
+# Smaller cosines than this count as this one, so that none is 0. Its square is normal in float32.
 _SMALLEST_COSINE = 1e-18
+
+# What light that is tilted by a small theta sees of the profile next to the horizon: the albedo is that of the full circles up
+# to 90 degrees from the mirror direction (45 degrees between N and H) and sin^2(theta) times this share of the profile there.
+# The circles past the kink at d = 90 degrees - theta give int 2 sin(f) (p cos(f) + sin(f)) df with p = pi - f, the full ones
+# that they replace int 2 pi sin(f) cos(f) df up to f = 90 degrees; the difference is pi/4 up to 90 degrees (mirror form) and
+# pi/2 up to 180 (half form).
+EDGE_SHARE: dict[Form, float] = {"mirror": np.pi / 4, "half": np.pi / 2}
 
 
 class Order(NamedTuple):
@@ -76,11 +85,6 @@ class _Panel(NamedTuple):
     weight: Array
 
 
-def safe_root(square: Array) -> Array:
-    """sqrt with the derivative 0 at 0 and below, where it is 0."""
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
-
-
 def _arcsinh(y: Array) -> Array:
     square = y * y
     return jnp.log1p(y + square / (1 + jnp.sqrt(1 + square)))
@@ -105,9 +109,22 @@ def _panels(quarter: Array, width: Array, table: tuple[np.ndarray, np.ndarray]) 
 
 
 def grazing_safe(cos_theta: Float[Array, ""]) -> tuple[Array, Array]:
-    """(cos theta kept off 0, sin theta). The derivative of sin theta at normal incidence is taken as 0."""
-    mu = cos_theta + _SMALLEST_COSINE  # not a maximum: the derivative at 0 is to survive
+    """(cos theta kept off 0, sin theta).
+
+    At normal incidence the derivative of sin theta, which is infinite, is taken as 0: what depends on its square has to take
+    the square from the cosine, and what ends at an angle that depends on it has to say how much that matters (`EDGE_SHARE`).
+    """
+    # Not a maximum: the derivative at 0 is to survive. Nothing is added to other cosines: without masking the albedo of facets
+    # goes like 1/cos, and would show it.
+    off_zero = _SMALLEST_COSINE + (cos_theta - jax.lax.stop_gradient(cos_theta))
+    mu = jnp.where(cos_theta < _SMALLEST_COSINE, off_zero, cos_theta)
     return mu, safe_root((1 - mu) * (1 + mu))
+
+
+def half_elevation(mu: Array, sine: Array) -> Array:
+    """tan(d/2) of the elevation d; at normal incidence 1 with the derivative 0, as for the sine."""
+    tilted = sine > 0
+    return jnp.where(tilted, mu / (1 + jnp.where(tilted, sine, 1)), 1)
 
 
 def polar_nodes(
@@ -120,7 +137,7 @@ def polar_nodes(
     array compiles and runs faster than two. The second result has shape (nodes,): the rule each node belongs to.
     """
     mu, sine = grazing_safe(cos_theta)
-    half_d = mu / (1 + sine)
+    half_d = half_elevation(mu, sine)
     quarter_d = half_d / (1 + jnp.sqrt(1 + half_d * half_d))
     versine_d = mu * half_d
     v = jnp.concatenate([jnp.zeros_like(breaks[:1]), jnp.minimum(breaks, 1)])

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.quadrature.gauss import gauss
-from brdfcheck.quadrature.rule import AbstractRule, Raw, block_count, by_blocks, checked_count, evaluate, light, on_sphere
+from brdfcheck.quadrature.rule import AbstractLightRule, Raw, block_count, by_blocks, checked_count, evaluate, on_sphere
 
 
 def circle(count: int) -> np.ndarray:
@@ -23,22 +23,21 @@ def circle(count: int) -> np.ndarray:
     return 2 * np.pi * (np.arange(count) + 0.5) / count
 
 
-def _product(brdf: Callable[..., Any], mu: Array, sine: np.ndarray, cosine: np.ndarray, weight: np.ndarray, around: int) -> Raw:
+def _product(brdf: Callable[..., Any], wi: Array, sine: np.ndarray, cosine: np.ndarray, weight: np.ndarray, around: int) -> Raw:
     """The sum over rings of `around` directions each; `weight` is that of a ring, N.wo and 2 pi included."""
-    azimuth = jnp.asarray(circle(around), mu.dtype)
-    wi = light(mu)
+    azimuth = jnp.asarray(circle(around), wi.dtype)
 
     def rings(sine: Array, cosine: Array, weight: Array) -> Array:
         wo = on_sphere(sine[:, None], cosine[:, None], azimuth)
         shares = jnp.broadcast_to(weight[:, None] / around, wo.shape[:-1])
         return jnp.sum(evaluate(brdf, wi, wo.reshape(-1, 3), shares.reshape(-1)), axis=0)
 
-    tables = tuple(jnp.asarray(table, mu.dtype) for table in (sine, cosine, weight))
+    tables = tuple(jnp.asarray(table, wi.dtype) for table in (sine, cosine, weight))
     return Raw(by_blocks(rings, tables, block_count(len(sine), around)), jnp.inf, len(sine) * around)
 
 
 @final
-class MidpointProduct(AbstractRule):
+class MidpointProduct(AbstractLightRule):
     """Midpoints: `order` polar angles, 2 order azimuths, all evenly spaced. ValueError for an order below 1."""
 
     order: int = eqx.field(static=True)
@@ -48,6 +47,7 @@ class MidpointProduct(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
 
     def __init__(self, order: int = 64):
         self.order = checked_count(order, "order")
@@ -55,14 +55,14 @@ class MidpointProduct(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         angle = np.pi / 2 * (np.arange(self.order) + 0.5) / self.order
         sine, cosine = np.sin(angle), np.cos(angle)
-        return _product(core, mu, sine, cosine, np.pi**2 / self.order * sine * cosine, 2 * self.order)
+        return _product(core, wi, sine, cosine, np.pi**2 / self.order * sine * cosine, 2 * self.order)
 
 
 @final
-class GaussProduct(AbstractRule):
+class GaussProduct(AbstractLightRule):
     """Gauss-Legendre in N.wo with `order` nodes, midpoints in 2 order azimuths. ValueError for an order below 1."""
 
     order: int = eqx.field(static=True)
@@ -72,6 +72,7 @@ class GaussProduct(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
 
     def __init__(self, order: int = 32):
         self.order = checked_count(order, "order")
@@ -79,6 +80,6 @@ class GaussProduct(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         z, weight = gauss(self.order)
-        return _product(core, mu, np.sqrt((1 - z) * (1 + z)), z, 2 * np.pi * weight * z, 2 * self.order)
+        return _product(core, wi, np.sqrt((1 - z) * (1 + z)), z, 2 * np.pi * weight * z, 2 * self.order)

@@ -41,11 +41,11 @@ def has_axis(core: Any) -> bool:
 
 
 class LobeGeometry:
-    """The axis of a lobe seen from one direction of light."""
+    """The axis of a lobe seen from one direction of light: `wi`, at the azimuth 0 or 180 degrees, or the cosine `mu`."""
 
-    def __init__(self, core: AbstractZonalLobe | AbstractMicrofacetLobe, mu: Float[Array, ""]):
+    def __init__(self, core: AbstractZonalLobe | AbstractMicrofacetLobe, mu: Float[Array, ""], wi: Array | None = None):
         self.core, self.mu = core, mu
-        self.wi = light(mu)
+        self.wi = light(mu) if wi is None else wi
         self.facets = isinstance(core, AbstractMicrofacetLobe)
         self.about_mirror = isinstance(core, AbstractZonalLobe) and core.form == "mirror"
         breaks = core.breaks(mu) if isinstance(core, AbstractMicrofacetLobe) else core.breaks()
@@ -92,7 +92,7 @@ class LobeGeometry:
     # Directions.
 
     def directions(self, versine: Array, azimuth: Array) -> Sampled:
-        """wo at an angle and an azimuth about the axis; the azimuth 0 leads to the light in the half form."""
+        """wo at an angle and an azimuth about the axis; the azimuth 0 leads to +x in the half form."""
         versine, azimuth = jnp.broadcast_arrays(versine, azimuth)
         sine, cosine = safe_root(versine * (2 - versine)), 1 - versine
         x, y = sine * jnp.cos(azimuth), sine * jnp.sin(azimuth)

@@ -150,6 +150,64 @@ class AbstractRule(eqx.Module):
         return Estimate(value, error, jnp.asarray(raw.evaluations), status)
 
 
+class AbstractLightRule(AbstractRule):
+    """A rule that evaluates the BRDF from the direction to the light.
+
+    The albedo depends on the square of the sine of the incidence, so that its derivative at normal incidence is a second
+    derivative in the sine, while the derivative of the direction is infinite. So there derivatives are those at a sine of
+    epsilon^(1/3), where rounding, which is divided by the sine, and what a derivative changes on the way are of one size. Where
+    the nodes are not symmetric about the normal they are the mean of those from either side: what is odd in the sine would be
+    divided by it too. As everywhere, a BRDF that jumps (a lobe that is cut off before it is 0) is differentiated between its
+    jumps only.
+    """
+
+    # True where for every node there is another one at the azimuth + 180 degrees.
+    symmetric: eqx.AbstractClassVar[bool]
+
+    @abc.abstractmethod
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
+        """The albedo of a BRDF without wrappers from one direction to the light, at the azimuth 0 or 180 degrees."""
+
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+        if not isinstance(mu, Tracer):  # no derivative in it
+            return self.seen(core, light(mu), key)
+        facts: list[Any] = []
+
+        def look(core: Any, mu: Array, key: Any, side: Array) -> tuple[Array, Array]:
+            raw = self.seen(core, light(mu, side), key)
+            facts[:] = raw.evaluations, raw.status
+            value = jnp.asarray(raw.value, mu.dtype)
+            return value, jnp.broadcast_to(jnp.asarray(raw.error, mu.dtype), value.shape)
+
+        # What a function of a user closes over becomes an argument, so that it has derivatives too.
+        right = jnp.ones_like(mu)
+        closed = eqx.filter_closure_convert(look, core, mu, key, right)
+        value, error = _with_slope(closed, core, mu, key, right, self.symmetric)
+        return Raw(value, error, *facts)
+
+
+@eqx.filter_custom_jvp
+def _with_slope(look: Any, core: Any, mu: Array, key: Any, side: Array, symmetric: bool) -> tuple[Array, Array]:
+    return look(core, mu, key, side)
+
+
+@_with_slope.def_jvp
+def _(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+    look, core, mu, key, side, symmetric = primals
+    beside = 1 - float(jnp.finfo(mu.dtype).eps) ** (2 / 3) / 2
+    shifted = jnp.minimum(mu, beside)
+    moved = (*tangents[:4], None)  # of all but the side
+
+    def slope(side: Array) -> tuple[Array, Array]:
+        return eqx.filter_jvp(lambda look, *rest: look(*rest), (look, core, shifted, key, side), moved)[1]
+
+    def mean() -> tuple[Array, Array]:
+        return jax.tree.map(lambda one, two: (one + two) / 2, slope(side), slope(-side))
+
+    outcome = slope(side) if symmetric else jax.lax.cond(mu <= beside, lambda: slope(side), mean)
+    return look(core, mu, key, side), outcome
+
+
 def checked_count(value: Any, name: str, lowest: int = 1) -> int:
     """`value` as an int; ValueError where it is not a whole number of at least `lowest`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < lowest:
@@ -164,9 +222,12 @@ def checked_tolerance(value: Any) -> float:
     return float(value)
 
 
-def light(mu: Float[Array, ""]) -> Float[Array, " 3"]:
-    """The direction to the light, at azimuth 0. At normal incidence its derivative is taken as 0."""
-    return jnp.stack([safe_root((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
+def light(mu: Float[Array, ""], side: Array | float = 1.0) -> Float[Array, " 3"]:
+    """The direction to the light, at azimuth 0; at azimuth 180 degrees for `side` -1.
+
+    At normal incidence its derivative is taken as 0: rules that look from it are `AbstractLightRule`.
+    """
+    return jnp.stack([side * safe_root((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
 
 
 def on_sphere(sine: Array, cosine: Array, azimuth: Array) -> Float[Array, "... 3"]:

@@ -23,24 +23,25 @@ from brdfcheck.quadrature.gauss import gauss
 from brdfcheck.quadrature.product import circle
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.quadrature.rule import (
-    AbstractRule,
+    AbstractLightRule,
     Raw,
     bar,
     block_count,
     by_blocks,
     checked_count,
     evaluate,
-    light,
     on_sphere,
 )
 
 
 @final
-class LobeWarpedGauss(AbstractRule):
+class LobeWarpedGauss(AbstractLightRule):
     """Gauss-Legendre in what the lobe's density integrates to, `order` nodes, and midpoints in 2 order azimuths.
 
     About the mirror direction, or of the half vector about N. Nodes below the horizon count as evaluations. Claims
-    nothing. ValueError for an order below 1.
+    nothing. Derivatives in the incidence know which nodes are above the horizon, not that others rise: towards normal
+    incidence, where all is of second order, they lack what a lobe that is not 0 at the horizon gains there. ValueError for an
+    order below 1.
     """
 
     order: int = eqx.field(static=True)
@@ -50,6 +51,7 @@ class LobeWarpedGauss(AbstractRule):
     needs: ClassVar[str] = "a lobe about an axis or a microfacet lobe"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
 
     def __init__(self, order: int = 64):
         self.order = checked_count(order, "order")
@@ -57,8 +59,9 @@ class LobeWarpedGauss(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return has_axis(core)
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        lobe = LobeGeometry(core, mu)
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
+        mu = wi[2]
+        lobe = LobeGeometry(core, mu, wi)
         around = 2 * self.order
         azimuth = jnp.asarray(circle(around), mu.dtype)
 
@@ -90,7 +93,7 @@ def tanh_sinh(step: float, epsilon: float) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 @final
-class TanhSinh(AbstractRule):
+class TanhSinh(AbstractLightRule):
     """Tanh-sinh in the polar angle, cut at that of the light, and in the azimuth, cut at the plane of incidence.
 
     The step is 2^-level. The error is the difference from twice the step, whose nodes are among these. ValueError for a
@@ -104,6 +107,7 @@ class TanhSinh(AbstractRule):
     needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = False
     on_host: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
 
     def __init__(self, level: int = 4):
         self.level = checked_count(level, "level")
@@ -113,12 +117,12 @@ class TanhSinh(AbstractRule):
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return True
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
+        mu = wi[2]
         left, right, weight = tanh_sinh(2.0**-self.level, float(jnp.finfo(mu.dtype).eps) / 64)
         # Nodes at even multiples of the step: the middle one and every second pair.
         pair = (np.arange(left.size) + 1) // 2
         coarse = np.where(pair % 2 == 0, 2 * weight, 0)
-        wi = light(mu)
         theta = jnp.arctan2(wi[0], mu)
         elevation = jnp.arctan2(mu, wi[0])
         # Panels in the polar angle: N to the light's angle, and on to the horizon. Sines from the nearer end.
