@@ -140,7 +140,7 @@ def test_per_cosine_divides_by_the_cosine_of_the_light():
         [None],
         object(),
     ],
-    ids=repr,
+    ids=lambda wrong: type(wrong).__name__,
 )
 def test_parameters_that_are_not_real_numbers_are_refused(wrong):
     makers = {
