@@ -198,6 +198,7 @@ class PointwiseAlbedo:
         # Directions of a few cosines at a time, because of their size; within them, points of the same parameters together.
         most = max(1, _MOST_NODES // (sum(blocks) * BLOCK))
         value = np.zeros((2, len(mu), evaluator.channels or 1))
+        unknown: set[int] = set()
         for first in range(0, len(cosines), most):
             points = np.flatnonzero((which >= first) & (which < first + most))
             if evaluator.slow and self.swept:
@@ -214,20 +215,26 @@ class PointwiseAlbedo:
                 which[points] - first,
                 wo,
                 weight,
-                lambda at, *found, points=points, wi=wi: self._note(parameters[points[at]], wi[at], *found),
+                lambda at, *found, points=points, wi=wi: unknown.update(
+                    points[at[self._note(parameters[points[at]], wi[at], *found)]].tolist()
+                ),
             )
             self.evaluations += sums.shape[0] * sums.shape[1] * BLOCK
             self.seen.values += sums.size * BLOCK
             value[0, points] = sums[:, : blocks[0]].sum(axis=1)
             if len(rules) > 1:
                 value[1, points] = sums[:, blocks[0] :].sum(axis=1)
+        value[0, list(unknown)] = np.nan
         error = np.abs(value[0] - value[1]) if len(rules) > 1 else np.zeros_like(value[0])
         return (value[0, :, 0], error[:, 0]) if evaluator.channels is None else (value[0], error)
 
     def _note(
         self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, values: np.ndarray, finite: np.ndarray, weight: np.ndarray
-    ) -> None:
-        """Keep what a piece of a scan says of the BRDF itself: (rows, ...) each, see `Evaluator.sums`."""
+    ) -> np.ndarray:
+        """Keep what a piece of a scan says of the BRDF itself: (rows, ...) each, see `Evaluator.sums`.
+
+        Returns the rows of which most is not finite: their sums are none.
+        """
 
         def place(index: tuple[np.intp, ...], value: float) -> Place:
             row, node, _ = index
@@ -246,6 +253,7 @@ class PointwiseAlbedo:
                 seen.first_nonfinite = seen.first_nonfinite or place(
                     np.unravel_index(np.argmax(broken), broken.shape), float("nan")
                 )
+        return np.flatnonzero(np.count_nonzero(broken.any(axis=2), axis=1) > np.count_nonzero(weight > 0, axis=1) / 2)
 
     def _adaptive(
         self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, rtol: float

@@ -113,7 +113,7 @@ def test_every_cell_holds_a_point(count: int):
     """No cube is empty whose side is that for which a report vouches as "cell"."""
     one = box({f"p{i}": (0.0, 1.0) for i in range(count)}, turning=False)
     points = searched(one, 1.0)
-    side = 1.5 * len(points) ** (-1 / one.dimension)
+    side = 2.5 * len(points) ** (-1 / one.dimension)
     corners = np.random.default_rng(4).uniform(0, 1 - side, (2000, one.dimension))
     empty = [corner for corner in corners if not np.any(np.all((points >= corner) & (points <= corner + side), axis=1))]
     assert not empty, (len(empty), empty[0])

@@ -36,7 +36,7 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
     with np.errstate(all="ignore"):
         change = np.abs(value - before)
     if np.all(change <= np.maximum(2 * error, 1e-14)):
-        return value, error + change
+        return value, error + 2 * change
     values, errors = (np.stack(part) for part in zip(*(at(cosine) for cosine in _COSINES), strict=True))
     flat, flat_errors = values.reshape(len(values), -1), errors.reshape(len(values), -1)
     pairs = [_extrapolated(flat[:, i], flat_errors[:, i]) for i in range(flat.shape[1])]
@@ -64,10 +64,10 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
     noise = errors[1:] + errors[:-1]
     last, error = values[-1], errors[-1]
     if abs(steps[-1]) <= 2 * noise[-1]:  # no more change than the errors allow
-        return last, error + abs(steps[-1])
+        return last, error + 10 * abs(steps[-1])
     told = np.abs(steps) > 4 * noise
     if not np.all(told[-3:]):
-        return last, error + 2 * abs(steps[-1])
+        return last, error + 10 * abs(steps[-1])
     ratios = steps[1:] / steps[:-1]
     q = ratios[-1]
     if q <= 0 or ratios[-2] <= 0:  # it wobbles
@@ -78,7 +78,7 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
     earlier = ratios[-2]
     other = values[-2] + steps[-2] * earlier / (1 - earlier) if earlier < 1 else np.inf
     amplified = error * (1 + 2 * (q / (1 - q)) ** 2 + 2 / (1 - q))
-    return limit, amplified + abs(limit - other)
+    return limit, amplified + 1.4 * abs(limit - other)
 
 
 def _goes_on(ladder: np.ndarray, values: np.ndarray, errors: np.ndarray) -> bool:

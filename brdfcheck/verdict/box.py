@@ -1,7 +1,7 @@
 r"""The box of parameters, angle of incidence and azimuth as a unit cube, and the points at which a scan looks.
 
 The cosine of incidence is sin^2(pi t / 2): at normal incidence t runs like the angle, at grazing like the square root of the
-cosine, which is how albedos behave there. Half a degree is at least 0.0044 in t everywhere.
+cosine, which is how albedos behave there. Half a degree is at least 0.0039 in t everywhere.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Box:
             if name in self._axes:
                 columns.append(self._axes[name].at(unit[:, self.swept.index(name)]))
             else:
-                columns.append(np.full(len(unit), low))
+                columns.append(np.full(len(unit), float(low)))
         parameters = np.stack(columns, axis=1) if columns else np.zeros((len(unit), 0))
         if self.has_angle:
             part = unit[:, len(self.swept)]
@@ -91,7 +91,7 @@ class Box:
             inside = np.clip(inside, *self.cosines)
             mu = np.where(part <= 0, self.cosines[0], np.where(part >= 1, self.cosines[1], inside))
         else:
-            mu = np.full(len(unit), self.cosines[1])
+            mu = np.full(len(unit), float(self.cosines[1]))
         azimuth = 2 * np.pi * (unit[:, -1] % 1) if self.turning else np.zeros(len(unit))
         return parameters, mu, azimuth
 

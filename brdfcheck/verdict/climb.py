@@ -30,6 +30,8 @@ _FOLD = 0.3
 # so many times and up to that size. (Error bars are wide: neighbouring values err alike.)
 _NOISE = 0.1
 _LARGER, _LARGEST = 3, 0.02
+# What a crest may still gain that runs across the axes, relative to the value.
+_CREST = 2e-3
 
 
 @dataclass
@@ -43,6 +45,7 @@ class Climbs:
     radii: np.ndarray
     settled: np.ndarray
     mixed: np.ndarray  # second derivatives, (climbs, dimension, dimension)
+    kinked: np.ndarray  # that the place lies on a kink, with other directions to go
 
     def taken(self, which: np.ndarray) -> Climbs:
         """Some of the climbs."""
@@ -80,6 +83,7 @@ def climb(
         np.broadcast_to(np.asarray(radii, float), (count,)).copy(),
         np.zeros(count, bool),
         np.zeros((count, dimension, dimension)),
+        np.zeros(count, bool),
     )
     if dimension == 0:
         state.gaps[:] = 0
@@ -88,7 +92,7 @@ def climb(
     curvature = np.full((count, dimension), np.nan)
     quiet, grown = np.zeros(count, int), np.zeros(count, int)
     active = np.isfinite(state.values)
-    for _ in range(rounds):
+    for turn in range(rounds):
         check()
         best = np.max(state.values[active], initial=-np.inf)
         gap = np.where(np.isfinite(state.gaps), state.gaps, np.inf)
@@ -96,7 +100,7 @@ def climb(
         which = np.flatnonzero(active)
         if not which.size:
             break
-        model = _Model(function, box, state, which, mixed)
+        model = _Model(function, box, state, which, mixed, turn)
         step, gain = model.step()
         trials = box.kept(state.places[which][:, None] + step[:, None] * _TRIALS[:, None])
         found, uncertain = function(trials.reshape(-1, dimension))
@@ -118,9 +122,14 @@ def climb(
         curvature[which] = model.second
         state.mixed[which] = model.hessian
         kink = np.sum(bend, axis=1) * radius**2 / 4
+        free = ~model.pressed & (model.rises > 50 * np.maximum(_NOISE * state.errors[which], 4e-15)[:, None])
+        bent = np.any(free & (bend * radius[:, None] ** 2 > 0.4 * model.rises), axis=1)
+        # A crest across the axes may rise where no axis does: a stencil of any size says nothing of that.
+        state.kinked[which] = bent & (np.count_nonzero(free, axis=1) > 1)
         # A small stencil over a jump is steep without end: it promises no more than some of its own differences.
         promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
-        state.gaps[which] = promised + np.maximum(top - before, 0)
+        hidden = np.where(state.kinked[which], _CREST * np.maximum(np.abs(state.values[which]), 1), 0)
+        state.gaps[which] = np.maximum(promised + np.maximum(top - before, 0), hidden)
         scale = np.maximum(np.abs(state.values[which]), 1)
         reached = np.maximum(goal * scale, 0.02 * state.errors[which])
         flat = model.spread <= np.maximum(_NOISE * state.errors[which], 4e-15 * scale)
@@ -145,7 +154,7 @@ def _difference(box: Box, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 class _Model:
     """Quadratic models around some climbs: `points` (climbs, stencil, dimension), `values`, `second` derivatives an axis."""
 
-    def __init__(self, function: Function, box: Box, state: Climbs, which: np.ndarray, mixed: np.ndarray | None):
+    def __init__(self, function: Function, box: Box, state: Climbs, which: np.ndarray, mixed: np.ndarray | None, turn: int):
         self.box = box
         self.center = state.places[which]
         self.radius = state.radii[which]
@@ -166,9 +175,11 @@ class _Model:
         axes = np.arange(dimension)
         offsets[:, axes, axes] = first
         offsets[:, dimension + axes, axes] = second
+        # In every other round the pairs go across the diagonal: along a crest that runs there and is seen in no other way.
+        other = first if turn % 2 == 0 else second
         for row, (i, j) in enumerate(pairs):
             offsets[:, 2 * dimension + row, i] = first[:, i]
-            offsets[:, 2 * dimension + row, j] = first[:, j]
+            offsets[:, 2 * dimension + row, j] = other[:, j]
         self.points = box.kept(self.center[:, None] + offsets)
         values, errors = function(self.points.reshape(-1, dimension))
         self.values, self.errors = values.reshape(count, -1), errors.reshape(count, -1)
@@ -176,14 +187,16 @@ class _Model:
         rise = np.where(np.isfinite(self.values), self.values - base, -1.0)
         a, b = first, second
         at_a, at_b = rise[:, :dimension], rise[:, dimension : 2 * dimension]
+        at_other = at_a if turn % 2 == 0 else at_b
         self.gradient = (at_a * b**2 - at_b * a**2) / (a * b * (b - a))
         self.second = 2 * (at_a * b - at_b * a) / (a * b * (a - b))
         self.hessian = np.zeros((count, dimension, dimension)) if mixed is None else mixed[which].copy()
         self.hessian[:, axes, axes] = self.second
         for row, (i, j) in enumerate(pairs):
-            cross = (rise[:, 2 * dimension + row] - at_a[:, i] - at_a[:, j]) / (a[:, i] * a[:, j])
+            cross = (rise[:, 2 * dimension + row] - at_a[:, i] - at_other[:, j]) / (a[:, i] * other[:, j])
             self.hessian[:, i, j] = self.hessian[:, j, i] = cross
         self.spread = np.max(np.abs(rise[:, : 2 * dimension]), axis=1)
+        self.rises = np.maximum(np.abs(at_a), np.abs(at_b))
         # Axes along which the climb presses against the end of the box, and falls inwards.
         self.pressed = ((up <= 0) | (down <= 0)) & (at_a <= 0) & (at_b <= 0)
 

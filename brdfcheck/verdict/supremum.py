@@ -43,6 +43,8 @@ _SHARES = 8
 _SECOND, _THIRD, _CONFIRMED = 512, 64, 16
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
+# How many places are kept at which the albedo is not a number.
+_LOST = 6
 # How near (in the unit cube) a place is to another one that speaks for it, and to one that is the same.
 _AROUND, _SAME = 0.05, 2e-3
 # The accuracy asked of a function that rounds, in roundings: in single precision no integral gets better.
@@ -105,7 +107,8 @@ def supremum(
     a number is returned as such where nothing else was found. Raises Finding where a user's BRDF fails.
     """
     search = _Search(albedo, threshold, rtol, effort, watch or (lambda points, best: None))
-    found = search.run()
+    with np.errstate(all="ignore"):
+        found = search.run()
     if intervals and len(search.box.swept) == 1 and not np.isnan(found.value):
         above = intervals_above(albedo, search.box, search.winner, threshold) if found.least > threshold else ()
         found = replace(found, above=above)
@@ -150,6 +153,8 @@ class _Search:
         self.kept = 1.0
         # Set where the rule of a verdict does not converge (jumps): more of its evaluations would tell little more.
         self.hard = False
+        # Places at which the albedo is not a number.
+        self.lost: list[np.ndarray] = []
         self.resolved_places: np.ndarray | None = None
 
     # --- albedos ---
@@ -159,6 +164,9 @@ class _Search:
         self.count += len(places)
         with np.errstate(all="ignore"):
             value, error = self.albedo.estimate(*self.box.physical(places), level)
+        unknown = np.isnan(value)
+        if len(self.lost) < _LOST:
+            self.lost += list(places[np.flatnonzero(unknown)[:: max(1, np.count_nonzero(unknown) // 3)]])
         return np.where(np.isnan(value), -np.inf, value), np.where(np.isnan(value), 0, error)
 
     def produce(self, places: np.ndarray, rtol: float | None, *, limit: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -202,8 +210,9 @@ class _Search:
             if self.best > before:
                 self.rivals()
             # Higher by more than the errors of the two.
-            top = int(np.argmax(np.where(np.isfinite(self.confirmed.values), self.confirmed.values, -np.inf)))
-            self.settled = not self.best > before + 1e-7 * max(1, abs(before)) + min(2 * self.confirmed.errors[top], 1e-2)
+            finite = np.isfinite(self.confirmed.values)
+            blur = self.confirmed.errors[finite & (self.confirmed.values == self.best)]
+            self.settled = not self.best > before + 1e-7 * max(1, abs(before)) + min(2 * np.min(blur, initial=0.005), 1e-2)
             if self.settled or self.unbounded is not None:
                 break
         self.rest()
@@ -303,7 +312,11 @@ class _Search:
                 if sum(abs(points.values[i] - value) <= 1e-7 * max(1.0, abs(value)) for i in mine) >= 2:
                     continue
                 near = [*mine, *chosen]
-                if near and np.min(np.max(np.abs(self.apart(points.places[near], points.places[index])), axis=1)) < spacing:
+                if (
+                    near
+                    and np.min(np.max(np.abs(self.apart(points.places[near], points.places[index])), axis=1, initial=0))
+                    < spacing
+                ):
                     continue
                 mine.append(int(index))
             chosen += mine
@@ -554,19 +567,24 @@ class _Search:
     def whether_pole(self, place: np.ndarray, value: float, level: int) -> bool:
         random = np.random.default_rng(4)
         dimension = self.box.dimension
-        tops = []
-        for exponent in range(2, 13):
+        tops, around = [], []
+        for exponent in range(1, 15):
             offsets = random.uniform(-1, 1, (48 + 16 * dimension, dimension))
             offsets[: 4 * dimension] = np.concatenate([np.eye(dimension) * s for s in (1, -1, 0.5, -0.5)])
-            around = self.box.kept(place + 10.0**-exponent * offsets)
-            found, _ = self.estimate(level, around)
+            places = self.box.kept(place + 10.0**-exponent * offsets)
+            found, _ = self.estimate(level, places)
             top = int(np.argmax(found))
             if found[top] > value:
-                place, value = around[top], float(found[top])
+                place, value = places[top], float(found[top])
             tops.append(value)
+            around.append(float(np.median(found)))
             self.tell()
-        growth = np.array(tops[1:]) / np.array(tops[:-1])
-        if np.count_nonzero(growth > 1.5) < 6 or not np.all(growth[-3:] > 1.2):
+        rising = np.array(around[1:]) > 1.2 * np.abs(np.array(around[:-1]))
+        nearer = np.array(tops[1:]) > 1.2 * np.array(tops[:-1])
+        # Higher the nearer, over decades; and no end to it where the surroundings are smaller than the distance to the pole.
+        if np.count_nonzero(rising) + np.count_nonzero(nearer) < 6 or not (
+            np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > 1e15
+        ):
             return False
         parameters, mu, _ = self.box.physical(place[None])
         names = [f"{name}={number:.4g}" for name, number in zip(self.box.ranges, parameters[0], strict=True)]
@@ -653,7 +671,7 @@ class _Search:
             points.levels[some] = self.albedo.levels
             with np.errstate(all="ignore"):
                 kept = (self.confirmed.values - self.confirmed.errors)[fresh] - best
-                self.kept = float(np.clip(np.nanmax(kept / np.maximum(reach[some] - best, 1e-300)), 0, 1))
+                self.kept = float(np.clip(np.nan_to_num(np.max(kept / np.maximum(reach[some] - best, 1e-300)), nan=1.0), 0, 1))
 
     def doubtful(self) -> np.ndarray:
         """Indices of scanned points that may be higher than the winner by their own error, away from the winners.
@@ -665,7 +683,10 @@ class _Search:
         inside = (points.levels > 0) & (points.levels < self.albedo.levels) & (points.errors > 1e-7)
         indices = np.flatnonzero(inside & (points.values + points.errors > self.best + 1e-9))
         known = self.confirmed.places[self.confirmed.values > self.best - 1e-3 * max(1, abs(self.best))]
-        away = [np.min(np.max(np.abs(self.apart(known, points.places[i])), axis=1), initial=np.inf) > _AROUND for i in indices]
+        away = [
+            np.min(np.max(np.abs(self.apart(known, points.places[i])), axis=1, initial=0), initial=np.inf) > _AROUND
+            for i in indices
+        ]
         return indices[np.array(away, bool)]
 
     # --- the answer ---
@@ -724,9 +745,19 @@ class _Search:
         broken = ~np.isfinite(confirmed.values) & ~np.isposinf(confirmed.values)
         least = float(np.max(np.where(finite, confirmed.values - confirmed.errors, -np.inf)))
         bar = max(upper - value, error)
-        if np.any(broken):  # somewhere the albedo is not known at all
+        if np.any(broken) or self.unknown():  # somewhere the albedo is not known at all
             bar = np.inf if least <= self.threshold else bar
         return self.at(self.winner, value, bar, least=least, settled=self.settled, **common)
+
+    def unknown(self) -> bool:
+        """True where the albedo is not a number at more than single angles, beside which it is one."""
+        if not self.lost:
+            return False
+        places = np.array(self.lost[:_LOST])
+        if places.shape[1] > self.box.dimension:
+            places = places[:, : self.box.dimension]
+        value, _ = self.produce(places, _RUNGS[0])
+        return bool(np.any(np.isnan(value)))
 
     def counted(self, winner: np.ndarray) -> np.ndarray:
         """What the climbs left, but for those around the winner: there its own climb tells."""
@@ -765,7 +796,7 @@ class _Search:
                 gap *= 360.0
             found[name] = gap
         if self.box.dimension > 1:
-            found["cell"] = float(min(1.0, 1.5 * len(places) ** (-1 / self.box.dimension)))
+            found["cell"] = float(min(1.0, 2.5 * len(places) ** (-1 / self.box.dimension)))
         return found
 
     def _along(self, axis: int, values: np.ndarray) -> np.ndarray:
