@@ -47,10 +47,10 @@ def fresnel_dielectric(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> 
     g = jnp.sqrt(jnp.maximum(near * near + 4 * root, _TINY * _TINY))
     u = g + near
     # Kept off 0, where F0 and c are both all but 0: the derivative of a quotient squares its denominator.
-    share = 4 / jnp.maximum(u * u, float(jnp.finfo(u.dtype).tiny) ** 0.4)
-    below = 4 * root * cosine + missing * u
-    seen = below > 0
-    along = jnp.where(seen, u * (cosine * u - missing) / jnp.where(seen, below, 1), 1)  # 1 for a mirror at 90 degrees
+    smallest = float(jnp.finfo(u.dtype).tiny)
+    share = 4 / jnp.maximum(u * u, smallest**0.4)
+    # 1 for a mirror at 90 degrees, where both parts are 0.
+    along = (u * (cosine * u - missing) + smallest**0.5) / (4 * root * cosine + missing * u + smallest**0.5)
     return f0 * share * share * (1 + along**2) / 2
 
 
@@ -258,10 +258,10 @@ class CookTorrance(_FacetLobe):
     def shadowing(self, cosine: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         # With a = cot(theta)/m: 1 + Lambda = (1 + erf a)/2 + exp(-a^2)/(2 a sqrt pi); both sides times 2 sqrt(pi) cos(theta),
         # so that nothing is large: the derivative of a quotient squares its denominator, which float32 must hold.
-        spread = self.m * geometry.safe_root((1 - cosine) * (1 + cosine))
+        # Kept off 0 with the slope in it: that of the sine alone would count for the steepest facets.
+        spread = jnp.sqrt(jnp.maximum(self.m * self.m * (1 - cosine) * (1 + cosine), _TINY * _TINY))
         # Beyond 30 all is 1 or 0; squares, and with them derivatives, would overflow.
-        steep = cosine < 30 * spread
-        a = jnp.where(steep, cosine / jnp.where(steep, spread, 1), 30)
+        a = jnp.minimum(cosine / spread, 30)
         root = float(np.sqrt(np.pi))
         return jnp.full_like(cosine, 2 * root), root * cosine * (1 + erf(a)) + spread * jnp.exp(-a * a)
 
