@@ -340,7 +340,12 @@ def _turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, floa
         if not np.any(suspects):
             return False
         noise = np.maximum.reduce([np.abs(turned(step) - first) for step in (3e-7, 1e-6, -2e-6)])
-        noisy = noise > 1e-4 * scale if evaluator.epsilon < 1e-10 else np.ones(noise.shape, bool)
+        if evaluator.epsilon > 1e-10:
+            # Single precision: rounding changes all values, most of them a little and some a lot; compare the usual changes.
+            told = (scale > 1e-12 * peak) & np.isfinite(scale)
+            usual, least = (float(np.median((part / scale)[told])) if np.any(told) else 0.0 for part in (change, noise))
+            return usual > 5 * least + 4 * evaluator.epsilon
+        noisy = noise > 1e-4 * scale
         clear = suspects & (change > 10 * noise)
         return bool(np.any(clear & ~noisy) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(scale > 1e-12 * peak))
 

@@ -256,7 +256,8 @@ class _Search:
         if self.albedo.fast or self.scanned is None:
             return
         points = self.scanned
-        if not self.albedo.anisotropic:
+        # In single precision all albedos change by rounding when they turn: there the pairs have decided.
+        if not self.albedo.anisotropic and self.albedo.epsilon < 1e-10:
             order = np.argsort(points.values)[::-1]
             some = np.concatenate([order[:128], order[128 :: max(1, len(order) // 128)]])
             places = points.places[some]
@@ -269,9 +270,7 @@ class _Search:
                 change, noise = np.abs(values[1] - values[0]), np.abs(np.array(values[2:]) - values[0]).max(axis=0)
                 told = self.box.physical(places)[1] < 1 - 1e-6  # light along N has no azimuth
                 told &= change > np.maximum(1e-7, 64 * self.albedo.epsilon) * np.maximum(np.abs(values[0]), 1e-3) + 10 * noise
-            # Rounding in single precision tells of a turn by chance, at a few points.
-            few = 0.05 * len(told) if self.albedo.epsilon > 1e-10 else 0
-            self.albedo.anisotropic = bool(np.count_nonzero(told) > few)
+            self.albedo.anisotropic = bool(np.any(told))
         if self.albedo.anisotropic:
             return
         self.box = Box(self.box.ranges, self.box.cosines, turning=False)
