@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """How long does `check` take for BRDFs as users write them, and does brute force ever find a larger albedo?
 
-Command: ``brdfcheck study user_brdfs`` (or ``python studies/user_brdfs.py``). For an older version's times, give the folder of
-its checkout in the environment variable BRDFCHECK_BASELINE, or as ``python studies/user_brdfs.py --baseline FOLDER``.
+Command: ``python studies/_user_brdfs.py`` (no report of it is kept yet). For an older version's times, give the folder of
+its checkout in the environment variable BRDFCHECK_BASELINE, or as ``python studies/_user_brdfs.py --baseline FOLDER``.
 
 Answer: brute force sees an albedo above 1 for 10 of the 14 families; `check` is not timed yet.
 
