@@ -40,7 +40,7 @@ def test_validated_entries_conserve_and_have_no_defect(reports: dict[str, Report
     assert report.passed
     assert report.side is not None
     assert report.side.passed
-    assert report.error <= 3e-10
+    assert report.error <= 4e-10  # of the whole range of angles, not of the worst place alone
     assert report.above in ((), None)
     # The largest albedo of a good factor is near 1: a factor that is merely small would pass as well.
     assert report.albedo > 0.9999
