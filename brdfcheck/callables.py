@@ -344,7 +344,7 @@ class Evaluator:
         return (
             "directions given together have other values than one by one: mostly because a norm, sum or maximum runs over all"
             " directions and not over the three components of each (give it axis=-1, and keepdims=True where it divides a"
-            " vector), or because the values depend on the number of directions, or on chance"
+            " vector), or because the values depend on the number of directions, or are random"
         )
 
     def _alone(self, place: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

@@ -204,9 +204,9 @@ def check_family(
         findings.append(str(finding))
     if side is not None:
         findings += _defects(side, tuple(family.ranges))
-    if worst is not None and np.isnan(worst.value):
-        everywhere = "the BRDF is not a number everywhere" if side is not None and np.isnan(side.minimum) else ""
-        findings.append(everywhere or "the albedo is not a number where the BRDF is not finite")
+    # Where no value of the BRDF is a number, that has been said.
+    if worst is not None and np.isnan(worst.value) and not (side is not None and np.isnan(side.minimum)):
+        findings.append("the albedo is not a number where the BRDF is not finite")
     verdict = Verdict.UNDECIDED
     if worst is not None:
         verdict = judge(worst.value, worst.error, tolerance, least=worst.least, settled=worst.settled)

@@ -51,6 +51,8 @@ _AROUND, _SAME = 0.05, 2e-3
 _ROUNDINGS = 100
 # Accuracies at which places are confirmed, one after the other, as long as they may be the highest.
 _RUNGS = (1e-5, 1e-7)
+# An error that is left at the last of these marks a BRDF with jumps.
+_HARD = 1e-3
 # How many of them by more than the first of these.
 _FINEST = 6
 # Values above this are examined for a pole.
@@ -477,7 +479,7 @@ class _Search:
             some = np.flatnonzero(finite & (value + error >= least) & (error > 0))
             # What did not come near the accuracy asked for has an edge or a jump: only the highest is tried once more.
             stuck = error[some] > 3 * rtol * np.maximum(np.abs(value[some]), 1)
-            self.hard |= bool(some.size and np.all(error[some] > 200 * rtol * np.maximum(np.abs(value[some]), 1)))
+            self.hard |= bool(rtol == _RUNGS[-1] and some.size and np.all(error[some] > _HARD))
             order = np.argsort(-value[some])
             some = some[order][: 1 if np.any(stuck) else _FINEST]
             if not some.size:
@@ -695,6 +697,13 @@ class _Search:
         if self.albedo.fast or self.unbounded is not None:
             return
         confirmed = self.confirmed
+        for i in range(len(confirmed.values)):
+            # What was asked again at the same place with more accuracy (and is the same: a limit is not) is known by that.
+            same = np.flatnonzero(np.all(confirmed.places == confirmed.places[i], axis=1))
+            j = same[np.argmin(confirmed.errors[same])]
+            apart = abs(confirmed.values[i] - confirmed.values[j]) > confirmed.errors[i] + confirmed.errors[j]
+            if confirmed.errors[j] < confirmed.errors[i] / 10 and not apart:
+                confirmed.values[i], confirmed.errors[i] = confirmed.values[j], confirmed.errors[j]
         for _ in range(4):
             finite = np.isfinite(confirmed.values)
             if not np.any(finite):
