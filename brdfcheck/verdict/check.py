@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -60,6 +60,13 @@ def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta:
             return Family(name_of(target), _varied(target, tuple(ranges)), ranges, angles)
         return Family(name_of(target), constant(target), {}, angles)
     names = _parameter_names(target)
+    if ranges and names is not None and set(ranges) <= set(names[2:]) and _takes_directions(target, names[:2], ranges):
+
+        def of_parameters(**parameters: Any) -> Callable[..., Any]:
+            return lambda wi, wo: target(wi, wo, **parameters)
+
+        of_parameters.__name__ = name_of(target)
+        return Family(name_of(target), of_parameters, ranges, angles)
     if ranges and names is not None and _takes_directions(target, names) and not set(names) <= set(ranges):
         raise ValueError(
             f"{name_of(target)}({', '.join(names)}) is one BRDF: to let {next(iter(ranges))} run over a range, give a"
@@ -114,12 +121,17 @@ def _parameter_names(target: Callable[..., Any]) -> list[str] | None:
     return [parameter.name for parameter in parameters]
 
 
-def _takes_directions(target: Callable[..., Any], names: list[str]) -> bool:
-    """True for f(wi, wo), whatever the two are called: two arguments that must be given and no usual parameter."""
+def _takes_directions(target: Callable[..., Any], names: list[str], given: Collection[str] = ()) -> bool:
+    """True for f(wi, wo), whatever the two are called: two arguments that must be given and no usual parameter.
+
+    `given`: further arguments that have values.
+    """
     if inspect.isclass(target):
         return False
     required = [
-        parameter for parameter in inspect.signature(target).parameters.values() if parameter.default is parameter.empty
+        parameter
+        for parameter in inspect.signature(target).parameters.values()
+        if parameter.default is parameter.empty and parameter.name not in given
     ]
     directions = {parameter.name for parameter in required}
     return directions == {"wi", "wo"} or (len(required) == 2 and not directions & set(_USUAL_RANGES))

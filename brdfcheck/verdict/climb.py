@@ -32,6 +32,8 @@ _NOISE = 0.1
 _LARGER, _LARGEST = 3, 0.02
 # What a crest may still gain that runs across the axes, relative to the value.
 _CREST = 2e-3
+# In how many rounds the curvature must grow as stencils shrink, in differences above this, for a kink to be one.
+_KINK_ROUNDS, _SHARP = 3, 1e-6
 
 
 @dataclass
@@ -90,6 +92,7 @@ def climb(
         state.settled[:] = True
         return state
     curvature = np.full((count, dimension), np.nan)
+    bends = np.zeros(count, int)
     quiet, grown = np.zeros(count, int), np.zeros(count, int)
     active = np.isfinite(state.values)
     for turn in range(rounds):
@@ -117,20 +120,21 @@ def climb(
         state.places[which] = np.where(improved[:, None], places[rows, pick], state.places[which])
         state.values[which] = np.where(improved, top, before)
         state.errors[which] = np.where(improved, errors[rows, pick], state.errors[which])
+        scale = np.maximum(np.abs(state.values[which]), 1)
         # What a kink would still hide: there the curvature grows as the stencil shrinks.
         bend = np.where(np.isnan(curvature[which]) | model.pressed, 0, np.abs(model.second - curvature[which]))
         curvature[which] = model.second
         state.mixed[which] = model.hessian
         kink = np.sum(bend, axis=1) * radius**2 / 4
-        free = ~model.pressed & (model.rises > 50 * np.maximum(_NOISE * state.errors[which], 4e-15)[:, None])
+        free = ~model.pressed & (model.rises > np.maximum(5 * state.errors[which], _SHARP * scale)[:, None])
         bent = np.any(free & (bend * radius[:, None] ** 2 > 0.4 * model.rises), axis=1)
         # A crest across the axes may rise where no axis does: a stencil of any size says nothing of that.
-        state.kinked[which] = bent & (np.count_nonzero(free, axis=1) > 1)
+        bends[which] += bent & (np.count_nonzero(free, axis=1) > 1)
+        state.kinked[which] = bends[which] >= _KINK_ROUNDS
         # A small stencil over a jump is steep without end: it promises no more than some of its own differences.
         promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
         hidden = np.where(state.kinked[which], _CREST * np.maximum(np.abs(state.values[which]), 1), 0)
         state.gaps[which] = np.maximum(promised + np.maximum(top - before, 0), hidden)
-        scale = np.maximum(np.abs(state.values[which]), 1)
         reached = np.maximum(goal * scale, 0.02 * state.errors[which])
         flat = model.spread <= np.maximum(_NOISE * state.errors[which], 4e-15 * scale)
         small_stencil = flat & (radius < _LARGEST) & (grown[which] < _LARGER)

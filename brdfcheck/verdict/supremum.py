@@ -218,6 +218,7 @@ class _Search:
             if self.settled or self.unbounded is not None:
                 break
         self.rest()
+        self.finish()
         self.tighten()
         return self.answer()
 
@@ -704,7 +705,7 @@ class _Search:
             apart = abs(confirmed.values[i] - confirmed.values[j]) > confirmed.errors[i] + confirmed.errors[j]
             if confirmed.errors[j] < confirmed.errors[i] / 10 and not apart:
                 confirmed.values[i], confirmed.errors[i] = confirmed.values[j], confirmed.errors[j]
-        for _ in range(4):
+        for _ in range(10):
             finite = np.isfinite(confirmed.values)
             if not np.any(finite):
                 return
@@ -719,6 +720,36 @@ class _Search:
             value, error = self.produce(confirmed.places[loose], self.rtol)
             better = error < confirmed.errors[loose]
             confirmed.values[loose[better]], confirmed.errors[loose[better]] = value[better], error[better]
+
+    def finish(self) -> None:
+        """Climb on, by the rule of a verdict, where a climb stopped early and could still become the highest."""
+        if self.albedo.fast or self.unbounded is not None or self.hard or not self.box.dimension:
+            return
+        confirmed = self.confirmed
+        finite = np.isfinite(confirmed.values)
+        if not np.any(finite):
+            return
+        top = int(np.argmax(np.where(finite, confirmed.values - confirmed.errors, -np.inf)))
+        counted = self.counted(confirmed.places[top])
+        reach = np.where(finite, confirmed.values + confirmed.errors + counted, -np.inf)
+        early = np.flatnonzero((reach > confirmed.values[top] + confirmed.errors[top]) & (counted > confirmed.errors))
+        early = early[early != top]
+        early = early[np.argsort(-reach[early])][:4]
+        if not early.size:
+            return
+        ends = climb(
+            lambda unit: self.produce(unit, self.rtol),
+            self.box,
+            confirmed.places[early],
+            1e-3,
+            goal=1e-10,
+            rounds=5,
+            smallest=1e-8,
+            calm=1,
+            check=self.tell,
+        )
+        self.gaps[early] = 0
+        self.add(ends.places, ends.values, ends.errors, np.where(np.isfinite(ends.gaps), ends.gaps, 1e-6))
 
     def answer(self) -> Supremum:
         assert self.scanned is not None
