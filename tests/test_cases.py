@@ -424,7 +424,7 @@ def right_albedo(case: Case, report: Report) -> bool:
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, id=case.name.replace(" ", "-"), marks=[pytest.mark.slow] * case.slow) for case in ALL]
+    "case", [pytest.param(case, id=case.name.replace(" ", "-"), marks=[pytest.mark.bench] * case.slow) for case in ALL]
 )
 def test_case(case: Case) -> None:
     report = check(case.target, effort=case.effort, **case.ranges)
@@ -526,7 +526,7 @@ MEMORY = """
     [
         ("outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
         ("numpy_outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
-        pytest.param("numpy_pairs_within", "quick", "CONSERVES: albedo 0.628318", marks=pytest.mark.slow),
+        pytest.param("numpy_pairs_within", "quick", "CONSERVES: albedo 0.628318", marks=pytest.mark.bench),
     ],
 )
 def test_all_pairs_take_little_memory(name: str, effort: str, said: str) -> None:
@@ -645,10 +645,3 @@ BUDGET = """
     kind = "ambient"
     intensity = 0.3
 """
-
-
-def test_a_scene_of_a_budget_can_be_rendered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene, picture = tmp_path / "scene.toml", tmp_path / "scene.png"
-    scene.write_text(textwrap.dedent(BUDGET))
-    assert cli.run(["render", str(scene), "-o", str(picture)]) == ExitCode.PASSED, capsys.readouterr().err
-    assert picture.read_bytes()[:4] == b"\x89PNG"
