@@ -99,6 +99,11 @@ class Box:
         """Points of the cube nearest to `unit`; the azimuth goes round."""
         return np.where(self.periodic, unit % 1, np.clip(unit, 0, 1))
 
+    def apart(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """`first` less `second`, of points of the cube; the azimuth the shorter way round."""
+        difference = first - second
+        return np.where(self.periodic, (difference + 0.5) % 1 - 0.5, difference)
+
     def angle_at(self, cosine: np.ndarray | float) -> np.ndarray:
         """The unit coordinate of a cosine of incidence, kept within the box."""
         low, high = self._t

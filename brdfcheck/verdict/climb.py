@@ -116,7 +116,7 @@ def climb(
         top = values[rows, pick]
         before, radius = state.values[which], state.radii[which]
         improved = top > before
-        moved = np.max(np.abs(_difference(box, places[rows, pick], state.places[which])), axis=1)
+        moved = np.max(np.abs(box.apart(places[rows, pick], state.places[which])), axis=1)
         state.places[which] = np.where(improved[:, None], places[rows, pick], state.places[which])
         state.values[which] = np.where(improved, top, before)
         state.errors[which] = np.where(improved, errors[rows, pick], state.errors[which])
@@ -148,11 +148,6 @@ def climb(
         small = state.radii[which] < smallest
         active[which] = ~(state.settled[which] | small)
     return state
-
-
-def _difference(box: Box, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    difference = first - second
-    return np.where(box.periodic, (difference + 0.5) % 1 - 0.5, difference)
 
 
 class _Model:

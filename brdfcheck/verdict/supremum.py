@@ -316,17 +316,13 @@ class _Search:
                 near = [*mine, *chosen]
                 if (
                     near
-                    and np.min(np.max(np.abs(self.apart(points.places[near], points.places[index])), axis=1, initial=0))
+                    and np.min(np.max(np.abs(self.box.apart(points.places[near], points.places[index])), axis=1, initial=0))
                     < spacing
                 ):
                     continue
                 mine.append(int(index))
             chosen += mine
         return np.array(chosen, int)
-
-    def apart(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        difference = first - second
-        return np.where(self.box.periodic, (difference + 0.5) % 1 - 0.5, difference)
 
     def ascend(self, points: _Points, most: int) -> None:
         """Climb from the best points, rule after rule, and confirm where the climbs end."""
@@ -410,14 +406,14 @@ class _Search:
                 break
             if index in chosen or not ends.values[index] + doubt[index] > least - 2e-2 * max(1, abs(least)):
                 continue
-            near = [i for i in chosen if np.max(np.abs(self.apart(ends.places[i], ends.places[index])), initial=0) < 1e-3]
+            near = [i for i in chosen if np.max(np.abs(self.box.apart(ends.places[i], ends.places[index])), initial=0) < 1e-3]
             if not near:
                 chosen.append(int(index))
         return np.array(chosen, int)
 
     def known(self, place: np.ndarray) -> bool:
         """True where a climb has been confirmed there already."""
-        near = np.max(np.abs(self.apart(self.confirmed.places, place)), axis=1, initial=0) < _SAME
+        near = np.max(np.abs(self.box.apart(self.confirmed.places, place)), axis=1, initial=0) < _SAME
         return bool(np.any(near & (self.gaps > 0)))
 
     # --- confirming ---
@@ -686,7 +682,7 @@ class _Search:
         indices = np.flatnonzero(inside & (points.values + points.errors > self.best + 1e-9))
         known = self.confirmed.places[self.confirmed.values > self.best - 1e-3 * max(1, abs(self.best))]
         away = [
-            np.min(np.max(np.abs(self.apart(known, points.places[i])), axis=1, initial=0), initial=np.inf) > _AROUND
+            np.min(np.max(np.abs(self.box.apart(known, points.places[i])), axis=1, initial=0), initial=np.inf) > _AROUND
             for i in indices
         ]
         return indices[np.array(away, bool)]
@@ -800,7 +796,7 @@ class _Search:
 
     def counted(self, winner: np.ndarray) -> np.ndarray:
         """What the climbs left, but for those around the winner: there its own climb tells."""
-        away = np.max(np.abs(self.apart(self.confirmed.places, winner)), axis=1, initial=0) > _AROUND
+        away = np.max(np.abs(self.box.apart(self.confirmed.places, winner)), axis=1, initial=0) > _AROUND
         own = np.all(self.confirmed.places == winner, axis=1)
         close = self.confirmed.values > self.best - 1e-2 * max(1, abs(self.best))
         return np.where((away & close) | own, self.gaps, 0)
