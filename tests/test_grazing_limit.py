@@ -27,7 +27,9 @@ def test_a_power_of_the_cosine(power: float, slope: float):
 
 
 @pytest.mark.parametrize("error", [1e-12, 1e-9])
-@pytest.mark.parametrize("power", POWERS)
+@pytest.mark.parametrize(
+    "power", [*POWERS, pytest.param(0.05, marks=pytest.mark.xfail(reason="so slow a power is not told from a constant"))]
+)
 def test_a_power_of_any_size_is_in_the_bar(power: float, error: float):
     """Also where the differences are as small as the errors."""
     for size in np.geomspace(1e-13, 1, 200):

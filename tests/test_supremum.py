@@ -310,7 +310,15 @@ def test_a_single_point():
 
 
 @pytest.mark.parametrize("function", [False, True])
-@pytest.mark.parametrize(("kind", "power"), [("line", 0.5), ("line", 1.0), ("line", 2.0), ("point", 1.0), ("point", 2.0)])
+@pytest.mark.parametrize(
+    ("kind", "power"),
+    [
+        *(("line", power) for power in (0.5, 1.0, 2.0)),
+        pytest.param("point", 0.5, marks=pytest.mark.xfail(reason="a weak pole at one point is told as a large number")),
+        ("point", 1.0),
+        ("point", 2.0),
+    ],
+)
 def test_a_pole_inside_the_box_is_no_number(kind: str, power: float, function: bool):
     """For one value of a parameter at all angles, and at one angle only."""
 
