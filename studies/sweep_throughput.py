@@ -17,20 +17,19 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from brdfcheck.interruption import Cleanup, Unheard
+from brdfcheck.processes import run_all
 
 ALONE = True  # times programs on all cores
 SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
 LOCAL = """
-import json, sys
+import json, os, sys
+os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + f" --xla_force_host_platform_device_count={sys.argv[1]}"
 import brdfcheck
 from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.sweep import Plan, fill, parse
@@ -73,20 +72,11 @@ def _row(cells: str, way: str, count: int, number: int, seconds: float, starting
 
 
 def _local(cells: str, config: dict[str, Any], count: int, out: Path) -> dict[str, Any]:
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={count}"
     command = [sys.executable, "-c", LOCAL, str(count), json.dumps(config), str(out)]
-    environment = {**os.environ, "XLA_FLAGS": flags}
-    with Unheard():
-        process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    with process, Cleanup(process.kill):
-        try:
-            output, errors = process.communicate()
-        except BaseException:
-            process.kill()
-            raise
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, command, output, errors)
-    return _row(cells, "cores", count, *json.loads(output))
+    (done,) = run_all({cells: command}, side_by_side=False)
+    if done.code:
+        raise RuntimeError(f"a sweep on {count} cores failed: {done.last_words}")
+    return _row(cells, "cores", count, *json.loads(done.output.splitlines()[-1]))
 
 
 def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]:

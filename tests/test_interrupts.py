@@ -31,9 +31,8 @@ size = 48
 kind = "surface"
 terms = [{ brdf = "lambert", tint = [0.6, 0.3, 0.1] }, { brdf = "blinn-phong", tint = 0.1, n = 30 }]
 [[lights]]
-kind = "directional"
+kind = "distant"
 direction = [1, 1, 2]
-radiance = 1
 """
 SWEEP = """
 brdf = "phong"

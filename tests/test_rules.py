@@ -231,7 +231,7 @@ def test_evaluations_of_the_rules_over_half_vectors_and_on_the_host_are_counted_
 
     rows: list[int] = []
     found = exact.Adaptive(1e-4)(function, 0.5)
-    assert sum(count for count in rows if count > 2) == int(found.evaluations)  # two rows: looked at beforehand
+    assert sum(count for count in rows if count > 3) == int(found.evaluations)  # up to three: looked at beforehand
 
 
 def test_blocks_cover_fine_settings_and_bound_the_memory():

@@ -16,7 +16,7 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 # The modules that a sweep computes with. Others may change between a run and its continuation.
 _COMPUTING = (
     "geometry", "precision", "cores", "brdf", "family", "messages", "documents", "lobes", "microfacet", "factors", "callables",
-    "catalog", "directional", "exact_factors", "rules", "tables", "user_brdf",
+    "catalog", "directional", "exact_factors", "interruption", "rules", "tables", "user_brdf",
 )  # fmt: skip
 
 

@@ -535,9 +535,13 @@ def _write(path: Path, data: bytes) -> None:
         names = (_partial(path, number) for number in itertools.count(1))
         partial = next(name for name in names if not os.path.lexists(name) or _is_beginning(name, data))
         with Cleanup(lambda: os.unlink(partial)):
-            with open(partial, "wb") as stream:
-                stream.write(data)
-            os.replace(partial, path)
+            try:
+                with open(partial, "wb") as stream:
+                    stream.write(data)
+                os.replace(partial, path)
+            except OSError:  # what is there now is what was written here
+                partial.unlink(missing_ok=True)
+                raise
     except OSError as error:
         if error.errno in _FULL:
             raise _full(path) from None

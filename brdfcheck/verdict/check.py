@@ -74,7 +74,7 @@ def as_family(target: Any, ranges: Mapping[str, tuple[float, float]], cos_theta:
         )
     if not ranges and names is not None and not _takes_directions(target, names):
         ranges = {name: _USUAL_RANGES[name] for name in names if name in _USUAL_RANGES}
-        if not ranges:
+        if not ranges or not _required(target) <= set(ranges):
             raise ValueError(f"{name_of(target)} takes {', '.join(names) or 'no arguments'}: give the ranges to run over")
     if not ranges:
         return Family(name_of(target), constant(target), {}, angles)
@@ -128,13 +128,14 @@ def _takes_directions(target: Callable[..., Any], names: list[str], given: Colle
     """
     if inspect.isclass(target):
         return False
-    required = [
-        parameter
-        for parameter in inspect.signature(target).parameters.values()
-        if parameter.default is parameter.empty and parameter.name not in given
-    ]
-    directions = {parameter.name for parameter in required}
-    return directions == {"wi", "wo"} or (len(required) == 2 and not directions & set(_USUAL_RANGES))
+    directions = _required(target) - set(given)
+    return directions == {"wi", "wo"} or (len(directions) == 2 and not directions & set(_USUAL_RANGES))
+
+
+def _required(target: Callable[..., Any]) -> set[str]:
+    """Names of the arguments that must be given."""
+    parameters = inspect.signature(target).parameters.values()
+    return {parameter.name for parameter in parameters if parameter.default is parameter.empty}
 
 
 def check(

@@ -788,9 +788,8 @@ class _Search:
         """True where the albedo is not a number at more than single angles, beside which it is one."""
         if not self.lost:
             return False
-        places = np.array(self.lost[:_LOST])
-        if places.shape[1] > self.box.dimension:
-            places = places[:, : self.box.dimension]
+        # Some were seen before the azimuth was known not to matter.
+        places = np.array([place[: self.box.dimension] for place in self.lost[:_LOST]])
         value, _ = self.produce(places, _RUNGS[0])
         return bool(np.any(np.isnan(value)))
 
