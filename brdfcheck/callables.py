@@ -195,7 +195,10 @@ class Evaluator:
         self._program = jax.jit(jax.vmap(row))
 
     def rows(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """f for rows of directions: parameters (rows, names), wi and wo (rows, 3, BLOCK) -> (rows, BLOCK, channels or 1)."""
+        """f for rows of directions: parameters (rows, names), wi (rows, 3, 1 or BLOCK) and wo (rows, 3, BLOCK).
+
+        Returns shape (rows, BLOCK, channels or 1).
+        """
         still = np.tile([1.0, 0.0], (len(wi), 1))
 
         def piece(rows: slice) -> np.ndarray:
@@ -290,13 +293,10 @@ class Evaluator:
                 ]
                 values = np.concatenate(parts)
             else:
-                rows = -(-count // BLOCK)
-                spare = ((0, rows * BLOCK - count), (0, 0))
-                light, view = (
-                    np.ascontiguousarray(np.moveaxis(np.pad(part, spare, mode="edge").reshape(rows, BLOCK, 3), 2, 1))
-                    for part in (wi, wo)
-                )
-                values = self.rows(np.repeat(place, rows, axis=0), light, view).reshape(rows * BLOCK, -1)[:count]
+                light = wi[:1, :, None] if wi.strides[0] == 0 else _in_rows(wi)  # one light for all needs no copies
+                view = _in_rows(wo)
+                light = np.broadcast_to(light, (len(view), *light.shape[1:]))
+                values = self.rows(np.repeat(place, len(view), axis=0), light, view).reshape(view.shape[0] * BLOCK, -1)[:count]
             return values[:, 0] if self.channels is None else values
 
         return evaluate
@@ -363,6 +363,15 @@ class Evaluator:
             return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
 
         return evaluate
+
+
+def _in_rows(directions: np.ndarray) -> np.ndarray:
+    """Directions (k, 3) as rows (rows, 3, BLOCK), of which the last one is filled up with the last direction."""
+    count = len(directions)
+    rows = -(-count // BLOCK)
+    filled = np.empty((3, rows * BLOCK))
+    filled[:, :count], filled[:, count:] = directions.T, directions[-1:].T
+    return np.ascontiguousarray(np.moveaxis(filled.reshape(3, rows, BLOCK), 1, 0))
 
 
 def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -28,6 +28,7 @@ from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLo
 from brdfcheck.callables import Evaluator, constant
 from brdfcheck.factors import peel as peel
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
+from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
 from brdfcheck.quadrature.limit import grazing_limit
 from brdfcheck.quadrature.polar import Order
@@ -284,11 +285,12 @@ def adaptive_albedo(
     *,
     slow: bool = False,
     max_evaluations: int = 4_000_000,
+    keep: Callable[[float, Mesh], object] = lambda mu, mesh: None,
 ) -> Albedo:
     """Engine 3 for a bound `Evaluator`: integrates each incidence by itself. Results are numpy arrays.
 
     At a cosine of 0 it is the limit, inf where the albedo grows without bound. Where single directions are not finite the
-    BRDF is taken beside them; where many are, the albedo is not a number.
+    BRDF is taken beside them; where many are, the albedo is not a number. `keep` gets the rule that each integral ended with.
     """
     cosines, azimuths = np.broadcast_arrays(np.asarray(cos_theta, float), np.asarray(azimuth, float))
     values, errors, count = [], [], 0
@@ -303,6 +305,7 @@ def adaptive_albedo(
             beside = _Beside(evaluate, wi)
             result = integrate_hemisphere(beside, mu, turn, tolerance=tolerance, max_evaluations=max_evaluations)
             count += result.evaluations
+            keep(mu, result.mesh)
             if beside.broken or result.nonfinite:  # the integral is unknown, whatever the rule says about the rest
                 return np.full_like(result.value, np.nan), np.full_like(result.error, np.inf)
             return result.value, result.error

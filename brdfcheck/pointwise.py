@@ -21,7 +21,11 @@ from brdfcheck.brdf import AbstractZonalLobe
 from brdfcheck.callables import BLOCK, Evaluator
 from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
 from brdfcheck.family import Family
+from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.graded import GradedRule
+from brdfcheck.quadrature.limit import grazing_limit
+
+Rule = GradedRule | Mesh
 
 CHUNK = 256
 _CHUNK_2D = 64
@@ -161,7 +165,8 @@ class PointwiseAlbedo:
         if self.evaluator is None:
             value, error = self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
         else:
-            value, error = self._graded(self.evaluator, parameters, cos_theta, azimuth, level)
+            rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
+            value, error = self._graded(self.evaluator, parameters, cos_theta, azimuth, *rules)
         return worst_channel(value, error)[:2]
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -189,9 +194,9 @@ class PointwiseAlbedo:
     # --- engine 3 ---
 
     def _graded(
-        self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int
+        self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *rules: Rule
     ) -> tuple[np.ndarray, np.ndarray]:
-        rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
+        """By a fixed rule; the difference to a second one is the error."""
         blocks = [-(-rule.size // BLOCK) for rule in rules]
         mu = np.maximum(cos_theta, GRAZING)
         cosines, which = np.unique(mu, return_inverse=True)
@@ -255,17 +260,78 @@ class PointwiseAlbedo:
                 )
         return np.flatnonzero(np.count_nonzero(broken.any(axis=2), axis=1) > np.count_nonzero(weight > 0, axis=1) / 2)
 
+    def frozen(self, parameters: np.ndarray, cos_theta: float, azimuth: float, rtol: float) -> Frozen:
+        """The albedo near one place (parameters (names,)) by the rule that the integral there ends with (functions only)."""
+        return Frozen(self, parameters, cos_theta, azimuth, rtol)
+
     def _adaptive(
-        self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, rtol: float
+        self,
+        evaluator: Evaluator,
+        parameters: np.ndarray,
+        cos_theta: np.ndarray,
+        azimuth: np.ndarray,
+        rtol: float,
+        keep: Callable[[float, Mesh], object] = lambda mu, mesh: None,
     ) -> tuple[np.ndarray, np.ndarray]:
         values, errors = [], []
         for row, mu, turn in zip(parameters[:, self._columns], cos_theta, azimuth, strict=True):
             bound = evaluator.bind({name: float(value) for name, value in zip(self.swept, row, strict=True)})
-            result = adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol))
+            result = adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep)
             self.evaluations += int(result.evaluations)
             values.append(np.asarray(result.value))
             errors.append(np.asarray(result.error))
         return np.asarray(values), np.asarray(errors)
+
+
+class Frozen:
+    """The albedo beside a place, by the rules of the integrals there: a smooth function, and as accurate as they, for less.
+
+    Called like a `PointwiseAlbedo`; `value` and `error` are those of the place itself. A cosine of 0 is the limit if the
+    place is one, by the rules of all cosines that the limit there asked for.
+    """
+
+    def __init__(self, albedo: PointwiseAlbedo, parameters: np.ndarray, cos_theta: float, azimuth: float, rtol: float):
+        assert albedo.evaluator is not None
+        self._albedo, self._evaluator, self._rtol = albedo, albedo.evaluator, rtol
+        self._meshes: dict[float, Mesh] = {}
+        place = parameters[None], np.array([cos_theta]), np.array([azimuth])
+        every, bars = albedo._adaptive(self._evaluator, *place, rtol, keep=self._meshes.__setitem__)
+        value, error, _ = worst_channel(every, bars)
+        self.value, self.error = float(value[0]), float(error[0])
+
+    def __call__(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        points = parameters, cos_theta, azimuth
+        if np.all(cos_theta == 0):
+            found = [self._limit(*(part[i : i + 1] for part in points)) for i in range(len(cos_theta))]
+            values, errors = (np.stack(part) for part in zip(*found, strict=True))
+        else:
+            values, errors = self._at(*points)
+        return worst_channel(values, errors)[:2]
+
+    def _limit(self, parameters: np.ndarray, _: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def at(cosine: float) -> tuple[np.ndarray, np.ndarray]:
+            value, error = self._at(parameters, np.array([cosine]), azimuth)
+            return value[0], error[0]
+
+        return grazing_limit(at)
+
+    def _at(self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nearest = min(self._meshes, key=lambda mu: abs(np.log(mu) - np.log(cos_theta[0])))
+        mesh = self._meshes[nearest]
+        known = mesh.near(cos_theta) if len(self._meshes) == 1 else cos_theta == nearest
+        parts = []
+        if np.any(known):
+            value, _ = self._albedo._graded(self._evaluator, parameters[known], cos_theta[known], azimuth[known], mesh)
+            parts.append((known, value, np.abs(value) * 4 * self._albedo.epsilon))
+        if not np.all(known):
+            rest = parameters[~known], cos_theta[~known], azimuth[~known]
+            parts.append((~known, *self._albedo._adaptive(self._evaluator, *rest, self._rtol)))
+        values, errors = (np.zeros((len(known), *parts[0][1].shape[1:])) for _ in range(2))
+        for which, value, error in parts:
+            values[which], errors[which] = value, error
+        return values, errors
 
 
 def worst_channel(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:

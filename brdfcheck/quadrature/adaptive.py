@@ -1,18 +1,6 @@
 r"""The adaptive rule: the albedo of anything that can be called, with an error bar of its own making.
 
-Directions are written about the axis *across* the plane of incidence, not about the normal:
-
-    wo = (cos b sin t, sin b, cos b cos t),  -pi/2 < t, b < pi/2,  (N.wo) dwo = cos^2 b cos t db dt.
-
-The hemisphere is then a square without a pole, the weight vanishes on its rim, and every place where lobes sit lies on
-the line b = 0: the mirror direction (t = -theta), the normal (0) and the light (theta). The great circle at 90 degrees
-from the mirror direction, where a cut lobe has its kink, is the straight line t = pi/2 - theta. These four are *seeds*.
-
-Each seed is the corner of squares that reach half way to the next seed. A square is two triangles with their apex at
-the seed, in the coordinates (r, q): the offsets along and across are (r, r q) or (r q, r), with r = `_CENTRE` sinh(u)
-and q = v^2. In u a lobe of any width down to `_CENTRE` is a bump of length one, so a few panels see every needle about
-a seed, and v crowds the nodes where grazing light makes a needle long and thin. The rest is cut into rectangles that
-grow away from the seeds, up to `_LONGEST`.
+The hemisphere is cut into boxes about the places where lobes sit (`quadrature.boxes`).
 
 A box carries the product of two Gauss-Kronrod rules (7, 15). Its error has two parts, found for each axis:
 
@@ -28,19 +16,12 @@ The box is halved across the axis to blame.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-# The radius (radians) about a seed inside which nodes are spread evenly, and the longest side of an initial box.
-_CENTRE = 1e-6
-_LONGEST = 0.4
-# Seeds closer together than this are one.
-_SAME = 1e-7
-# Lengths of the first panels in u, from r = _LONGEST inwards: short in u where they would be long in radians. One more
-# panel has the rest, if any.
-_PANELS = (1.2, 2.4, 5.0, 5.0)
+from brdfcheck.quadrature.boxes import CENTRE, Boxes, Mesh, Points, directions, initial_boxes
+
 # Probes sit this fraction of a box inside its faces; what they find wrong counts for this fraction of the box.
 _SKIN = 1e-5
 _SKIN_WEIGHT = 0.02
@@ -94,7 +75,8 @@ _NODES, _WEIGHTS = _rules()
 _TENSOR = _NODES.size**2
 _PROBES, _PREDICTION = _probes(_NODES)
 # Where a box is evaluated: the product of the nodes, then the probes.
-_POINTS = np.concatenate([np.stack(np.meshgrid(_NODES, _NODES, indexing="ij"), axis=-1).reshape(-1, 2), _PROBES])
+_GRID = np.stack(np.meshgrid(_NODES, _NODES, indexing="ij"), axis=-1).reshape(-1, 2)
+_POINTS, _NODES_ONLY = Points(np.concatenate([_GRID, _PROBES])), Points(_GRID)
 
 
 class HemisphereIntegral(NamedTuple):
@@ -109,16 +91,7 @@ class HemisphereIntegral(NamedTuple):
     evaluations: int
     converged: bool
     nonfinite: int  # evaluations that were NaN or infinite, and were replaced by 0
-
-
-class _Boxes(NamedTuple):
-    """Boxes [low, low + size] of the coordinates (u, v) of a patch, or of (along, across) where it is plain."""
-
-    low: np.ndarray  # (boxes, 2)
-    size: np.ndarray  # (boxes, 2)
-    # Columns: the half of the plane of incidence (+1: the light's), the elevation of the seed, whether the elevation
-    # rises or falls (+1, -1) away from it, the sign of b, and the kind: 0 plain, 1 first triangle, 2 second triangle.
-    patch: np.ndarray  # (boxes, 5)
+    mesh: Mesh  # the rule that gave the value, for BRDFs and incidences like this one
 
 
 class _Measured(NamedTuple):
@@ -130,70 +103,6 @@ class _Measured(NamedTuple):
     axis: np.ndarray  # (boxes,): the one with the larger error
 
 
-def _initial_boxes(sine: float, cosine: float) -> _Boxes:
-    theta, elevation = np.arctan2(sine, cosine), np.arctan2(cosine, sine)
-    # (t, elevation) of the seeds: the elevation on its own keeps its digits near the horizon.
-    seeds = [(0.0, np.pi / 2)]
-    for seed in ((-theta, elevation), (theta, elevation), (elevation, theta)):
-        if all(abs(seed[0] - other[0]) > _SAME for other in seeds):
-            seeds.append(seed)
-    seeds.sort()
-    rows: list[tuple[float, ...]] = []
-    for index, (angle, height) in enumerate(seeds):
-        for way in (-1, 1):
-            neighbour = index + way
-            reach = abs(seeds[neighbour][0] - angle) / 2 if 0 <= neighbour < len(seeds) else height
-            side = np.sign(angle) or way
-            rise = -1 if side == way else 1
-            rows += [(*box, side, height, rise, sign, kind) for *box, kind in _corner(reach) for sign in (-1, 1)]
-    table = np.array(rows)
-    return _Boxes(table[:, 0:2], table[:, 2:4], table[:, 4:])
-
-
-def _corner(reach: float) -> list[tuple[float, float, float, float, int]]:
-    """Boxes (low, low, size, size, kind) that fill the rectangle [0, reach] x [0, pi/2] with a seed at its corner."""
-    if reach <= 0:
-        return []
-    core = min(reach, _LONGEST)
-    stops = np.arcsinh(_LONGEST / _CENTRE) - np.cumsum([0.0, *_PANELS])
-    stops = np.unique(np.clip([*stops, 0.0], 0, np.arcsinh(core / _CENTRE)))
-    boxes = [(low, 0.0, high - low, 1.0, kind) for low, high in pairwise(stops) for kind in (1, 2)]
-    # Beside the square, across the plane: a ladder of rectangles that grow with their distance from the seed.
-    rungs = [core]
-    while rungs[-1] < np.pi / 2:
-        rung = min(max(4 * rungs[-1], _CENTRE), rungs[-1] + _LONGEST)
-        rungs.append(rung if rung < np.pi / 2 - _LONGEST / 2 else np.pi / 2)
-    boxes += [(0.0, low, core, high - low, 0) for low, high in pairwise(rungs)]
-    if reach > core:
-        # Beyond it, along the plane. An angle along the plane is shorter by cos b than it reads.
-        rungs = list(np.linspace(0, np.pi / 2, int(np.ceil(np.pi / 2 / _LONGEST)) + 1))
-        for low, high in pairwise(rungs):
-            count = int(np.ceil((reach - core) * np.cos(low) / _LONGEST))
-            size = (reach - core) / count
-            boxes += [(core + i * size, low, size, high - low, 0) for i in range(count)]
-    return boxes
-
-
-def _directions(boxes: _Boxes) -> tuple[np.ndarray, np.ndarray]:
-    """wo for light at azimuth 0, shape (boxes, points, 3), and (N.wo) dwo over the box, shape (boxes, points)."""
-    first = boxes.low[:, :1] + boxes.size[:, :1] * _POINTS[:, 0]
-    second = boxes.low[:, 1:] + boxes.size[:, 1:] * _POINTS[:, 1]
-    side, height, rise, sign, kind = (column[:, None] for column in boxes.patch.T)
-    plain = kind == 0
-    stretched = np.where(plain, 0, first)
-    radius = _CENTRE * np.sinh(stretched)
-    lead = np.where(plain, first, radius)
-    lag = np.where(plain, second, radius * second**2)
-    density = np.where(plain, 1, radius * _CENTRE * np.cosh(stretched) * 2 * second)
-    # Rounding must not push a direction below the horizon.
-    elevation = np.maximum(height + rise * np.where(kind == 2, lag, lead), 0)
-    across = np.where(kind == 2, lead, lag)
-    cosine = np.maximum(np.cos(across), 0)
-    normal = cosine * np.sin(elevation)
-    wo = np.stack([side * cosine * np.cos(elevation), sign * np.sin(across), normal], axis=-1)
-    return wo, density * cosine * normal * boxes.size[:, :1] * boxes.size[:, 1:]
-
-
 class _Integrand:
     """`evaluate` seen through boxes; keeps count of what it was asked for."""
 
@@ -203,18 +112,17 @@ class _Integrand:
         self.evaluations = self.nonfinite = 0
         self.scalar = True
 
-    def measure(self, boxes: _Boxes) -> _Measured:
-        most = _LARGEST_BATCH // len(_POINTS)
-        starts = range(0, len(boxes.low), most)
-        parts = [self._measure(_Boxes(*(column[i : i + most] for column in boxes))) for i in starts]
+    def measure(self, boxes: Boxes) -> _Measured:
+        most = _LARGEST_BATCH // _POINTS.count
+        parts = [self._measure(boxes.taken(slice(i, i + most))) for i in range(0, len(boxes.low), most)]
         return _Measured(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _measure(self, boxes: _Boxes) -> _Measured:
-        wo, weight = _directions(boxes)
-        (c, s), x, y = self.turn, wo[..., 0], wo[..., 1]
-        wo[..., 0], wo[..., 1] = c * x - s * y, s * x + c * y
+    def _measure(self, boxes: Boxes) -> _Measured:
+        wo, weight = directions(boxes, _POINTS)
+        (c, s), (x, y, _) = self.turn, wo
+        wo[0], wo[1] = c * x - s * y, s * x + c * y
         count = weight.size
-        answer = np.asarray(self.evaluate(wo.reshape(count, 3)))
+        answer = np.asarray(self.evaluate(wo.reshape(3, count).T))
         if answer.ndim not in (1, 2) or answer.shape[0] != count:
             raise ValueError(f"evaluate must return shape ({count},) or ({count}, channels); got {answer.shape}")
         self.scalar = answer.ndim == 1
@@ -241,17 +149,9 @@ class _Integrand:
         noise = _ROUNDINGS * precision * total
         axis, error = np.argmax(error.max(axis=-1), axis=1), error.sum(axis=1)
         # Directions are rounded too: this close to a seed nothing is to be learnt from smaller boxes.
-        blurred = (boxes.patch[:, 4] != 0) & (_CENTRE * np.sinh(boxes.low[:, 0] + boxes.size[:, 0]) < _BLUR)
+        blurred = (boxes.patch[:, 4] != 0) & (CENTRE * np.sinh(boxes.low[:, 0] + boxes.size[:, 0]) < _BLUR)
         noise = np.where(blurred[:, None], total, noise)
         return _Measured(value, np.where(blurred[:, None], 0, error), noise, axis)
-
-
-def _halves(boxes: _Boxes, axis: np.ndarray) -> _Boxes:
-    """The lower halves of all boxes, then the upper ones."""
-    cut = axis[:, None] == np.arange(2)
-    size = np.where(cut, boxes.size / 2, boxes.size)
-    upper = np.where(cut, boxes.low + size, boxes.low)
-    return _Boxes(np.concatenate([boxes.low, upper]), np.tile(size, (2, 1)), np.tile(boxes.patch, (2, 1)))
 
 
 def _rises_without_end(sums: np.ndarray) -> np.ndarray:
@@ -293,7 +193,7 @@ def integrate_hemisphere(
     if not tolerance > 0:
         raise ValueError(f"tolerance must be > 0; got {tolerance}")
     integrand = _Integrand(evaluate, float(azimuth))
-    boxes = _initial_boxes(float(np.sqrt((1 - cos_theta) * (1 + cos_theta))), float(cos_theta))
+    boxes = initial_boxes(float(np.sqrt((1 - cos_theta) * (1 + cos_theta))), float(cos_theta))
     found = integrand.measure(boxes)
     sums = []
     for _ in range(_ROUNDS):
@@ -305,14 +205,14 @@ def integrate_hemisphere(
         # which rounding is the error.
         share = np.max(np.where(found.error > found.noise, found.error, 0) / goal, axis=-1)
         order = np.argsort(share)
-        room = max(max_evaluations - integrand.evaluations, 0) // (2 * len(_POINTS))
+        room = max(max_evaluations - integrand.evaluations, 0) // (2 * _POINTS.count)
         chosen = order[np.cumsum(share[order]) > 0.5][::-1][:room]
         if not chosen.size:
             break
-        halves = _halves(_Boxes(*(column[chosen] for column in boxes)), found.axis[chosen])
+        halves = boxes.taken(chosen).halves(found.axis[chosen])
         fresh = integrand.measure(halves)
         rest = np.delete(np.arange(len(share)), chosen)
-        boxes = _Boxes(*(np.concatenate([old[rest], new]) for old, new in zip(boxes, halves, strict=True)))
+        boxes = boxes.taken(rest).joined(halves)
         found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
     value = found.value.sum(axis=0)
     error = found.error.sum(axis=0) + found.noise.sum(axis=0)
@@ -322,4 +222,7 @@ def integrate_hemisphere(
         value, error = np.where(endless, np.inf, value), np.where(endless, np.inf, error)
     if integrand.scalar:
         value, error = value[0], error[0]
-    return HemisphereIntegral(np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite)
+    mesh = Mesh(boxes, float(cos_theta), _NODES_ONLY, np.outer(_WEIGHTS[0], _WEIGHTS[0]).ravel())
+    return HemisphereIntegral(
+        np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite, mesh
+    )

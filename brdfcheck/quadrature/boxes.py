@@ -1,0 +1,244 @@
+r"""The hemisphere cut into boxes about the places where lobes sit, and a fixed rule made of such boxes.
+
+Directions are written about the axis *across* the plane of incidence, not about the normal:
+
+    wo = (cos b sin t, sin b, cos b cos t),  -pi/2 < t, b < pi/2,  (N.wo) dwo = cos^2 b cos t db dt.
+
+The hemisphere is then a square without a pole, the weight vanishes on its rim, and every place where lobes sit lies on
+the line b = 0: the mirror direction (t = -theta), the normal (0) and the light (theta). The great circle at 90 degrees
+from the mirror direction, where a cut lobe has its kink, is the straight line t = pi/2 - theta. These four are *seeds*.
+
+Each seed is the corner of squares that reach half way to the next seed. A square is two triangles with their apex at
+the seed, in the coordinates (r, q): the offsets along and across are (r, r q) or (r q, r), with r = `CENTRE` sinh(u)
+and q = v^2. In u a lobe of any width down to `CENTRE` is a bump of length one, so a few panels see every needle about
+a seed, and v crowds the nodes where grazing light makes a needle long and thin. The rest is cut into rectangles that
+grow away from the seeds, up to `_LONGEST`.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+CENTRE = 1e-6
+"""The radius (radians) about a seed inside which nodes are spread evenly."""
+# The longest side of an initial box.
+_LONGEST = 0.4
+# Seeds closer together than this are one.
+_SAME = 1e-7
+# Lengths of the first panels in u, from r = _LONGEST inwards: short in u where they would be long in radians. One more
+# panel has the rest, if any.
+_PANELS = (1.2, 2.4, 5.0, 5.0)
+
+
+class Boxes(NamedTuple):
+    """Boxes [low, low + size] of the coordinates (u, v) of a corner, or of (along, across) where it is plain."""
+
+    low: np.ndarray  # (boxes, 2)
+    size: np.ndarray  # (boxes, 2)
+    # Columns: the half of the plane of incidence (+1: the light's), the elevation of the seed, whether the elevation
+    # rises or falls (+1, -1) away from it, the sign of b, the kind: 0 plain, 1 first triangle, 2 second triangle; and the
+    # number of the corner.
+    patch: np.ndarray  # (boxes, 6)
+
+    def taken(self, which: np.ndarray | slice) -> Boxes:
+        """Some of the boxes."""
+        return Boxes(*(column[which] for column in self))
+
+    def joined(self, other: Boxes) -> Boxes:
+        """These boxes, then the others."""
+        return Boxes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def halves(self, axis: np.ndarray) -> Boxes:
+        """The lower halves of all boxes across their `axis` (boxes,), then the upper ones."""
+        cut = axis[:, None] == np.arange(2)
+        size = np.where(cut, self.size / 2, self.size)
+        upper = np.where(cut, self.low + size, self.low)
+        return Boxes(np.concatenate([self.low, upper]), np.tile(size, (2, 1)), np.tile(self.patch, (2, 1)))
+
+
+class _Corner(NamedTuple):
+    """What lies on one side of a seed, up to half way to the next one or to the horizon."""
+
+    seed: int  # 0 normal, 1 mirror direction, 2 light, 3 the great circle
+    side: float
+    height: float  # the elevation of the seed
+    rise: float
+    reach: float
+
+
+def _corners(sine: float, cosine: float) -> list[_Corner]:
+    theta, elevation = np.arctan2(sine, cosine), np.arctan2(cosine, sine)
+    # (t, elevation, seed): the elevation on its own keeps its digits near the horizon.
+    seeds = [(0.0, np.pi / 2, 0)]
+    for seed in ((-theta, elevation, 1), (theta, elevation, 2), (elevation, theta, 3)):
+        if all(abs(seed[0] - other[0]) > _SAME for other in seeds):
+            seeds.append(seed)
+    seeds.sort()
+    corners = []
+    for index, (angle, height, seed) in enumerate(seeds):
+        for way in (-1, 1):
+            neighbour = index + way
+            reach = abs(seeds[neighbour][0] - angle) / 2 if 0 <= neighbour < len(seeds) else height
+            side = float(np.sign(angle)) or way
+            corners.append(_Corner(seed, side, height, -1 if side == way else 1, reach))
+    return corners
+
+
+def initial_boxes(sine: float, cosine: float) -> Boxes:
+    """The boxes with which an integral begins, for light at this sine and cosine of the polar angle."""
+    rows = [
+        (*box, corner.side, corner.height, corner.rise, sign, kind, number)
+        for number, corner in enumerate(_corners(sine, cosine))
+        for *box, kind in _cut(corner.reach)
+        for sign in (-1, 1)
+    ]
+    table = np.array(rows)
+    return Boxes(table[:, 0:2], table[:, 2:4], table[:, 4:])
+
+
+def _cut(reach: float) -> list[tuple[float, float, float, float, int]]:
+    """Boxes (low, low, size, size, kind) that fill the rectangle [0, reach] x [0, pi/2] with a seed at its corner."""
+    if reach <= 0:
+        return []
+    core = min(reach, _LONGEST)
+    stops = np.arcsinh(_LONGEST / CENTRE) - np.cumsum([0.0, *_PANELS])
+    stops = np.unique(np.clip([*stops, 0.0], 0, np.arcsinh(core / CENTRE)))
+    boxes = [(low, 0.0, high - low, 1.0, kind) for low, high in pairwise(stops) for kind in (1, 2)]
+    # Beside the square, across the plane: a ladder of rectangles that grow with their distance from the seed.
+    rungs = [core]
+    while rungs[-1] < np.pi / 2:
+        rung = min(max(4 * rungs[-1], CENTRE), rungs[-1] + _LONGEST)
+        rungs.append(rung if rung < np.pi / 2 - _LONGEST / 2 else np.pi / 2)
+    boxes += [(0.0, low, core, high - low, 0) for low, high in pairwise(rungs)]
+    if reach > core:
+        # Beyond it, along the plane. An angle along the plane is shorter by cos b than it reads.
+        rungs = list(np.linspace(0, np.pi / 2, int(np.ceil(np.pi / 2 / _LONGEST)) + 1))
+        for low, high in pairwise(rungs):
+            count = int(np.ceil((reach - core) * np.cos(low) / _LONGEST))
+            size = (reach - core) / count
+            boxes += [(core + i * size, low, size, high - low, 0) for i in range(count)]
+    return boxes
+
+
+class Points:
+    """Points (points, 2) of the unit square, at which a box is looked at. Many of them share a coordinate."""
+
+    def __init__(self, points: np.ndarray):
+        self.count = len(points)
+        self.first, self._row = np.unique(points[:, 0], return_inverse=True)
+        self.second, self._column = np.unique(points[:, 1], return_inverse=True)
+
+    def along(self, values: np.ndarray) -> np.ndarray:
+        """Values (boxes, first coordinates) at all points."""
+        return values[:, self._row]
+
+    def across(self, values: np.ndarray) -> np.ndarray:
+        """Values (boxes, second coordinates) at all points."""
+        return values[:, self._column]
+
+
+def directions(boxes: Boxes, points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """wo for light at azimuth 0 at the points of each box, and (N.wo) dwo over the box.
+
+    Shapes (3, boxes, points) and (boxes, points).
+    """
+    wo, weight = np.empty((3, len(boxes.low), points.count)), np.empty((len(boxes.low), points.count))
+    for kind in (0, 1, 2):
+        which = np.flatnonzero(boxes.patch[:, 4] == kind)
+        if which.size:
+            wo[:, which], weight[which] = _directions(boxes.taken(which), points, kind)
+    return wo, weight
+
+
+def _directions(boxes: Boxes, points: Points, kind: int) -> tuple[np.ndarray, np.ndarray]:
+    """`directions` of boxes of one kind. What depends on one coordinate is computed once for all points that share it."""
+    first = boxes.low[:, :1] + boxes.size[:, :1] * points.first
+    second = boxes.low[:, 1:] + boxes.size[:, 1:] * points.second
+    side, height, rise, sign = (column[:, None] for column in boxes.patch.T[:4])
+    area = boxes.size[:, :1] * boxes.size[:, 1:]
+
+    def elevation(offset: np.ndarray) -> np.ndarray:
+        return np.maximum(height + rise * offset, 0)  # rounding must not push a direction below the horizon
+
+    def plane(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return side * np.cos(angle), np.sin(angle)
+
+    def beside(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.maximum(np.cos(angle), 0), sign * np.sin(angle)
+
+    if kind == 0:
+        density = area
+        x, z = (points.along(part) for part in plane(elevation(first)))
+        cosine, y = (points.across(part) for part in beside(second))
+    else:
+        radius = CENTRE * np.sinh(first)
+        shorter = points.along(radius) * points.across(second**2)
+        density = points.along(radius * np.sqrt(radius**2 + CENTRE**2) * (2 * area)) * points.across(second)
+        if kind == 1:
+            x, z = (points.along(part) for part in plane(elevation(radius)))
+            cosine, y = beside(shorter)
+        else:
+            x, z = plane(elevation(shorter))
+            cosine, y = (points.along(part) for part in beside(radius))
+    normal = cosine * z
+    return np.stack([cosine * x, y, normal]), density * cosine * normal
+
+
+class Mesh:
+    """The boxes of an integral at one cosine of incidence as a fixed rule, which moves smoothly with the light.
+
+    Called with cosines (m,) that are `near`, it gives wo for light at azimuth 0, shape (m, 3, size), and (N.wo) dwo times the
+    weights of the rule, shape (m, size), as `GradedRule` does. `points` and `weights` (points,) are the rule of one box.
+    """
+
+    def __init__(self, boxes: Boxes, cosine: float, points: Points, weights: np.ndarray):
+        self._boxes, self._points, self._weights = boxes, points, weights
+        self._corners = _corners(*_angle(cosine))
+
+    @property
+    def size(self) -> int:
+        """How many nodes the rule has."""
+        return len(self._boxes.low) * self._points.count
+
+    def near(self, cosines: np.ndarray) -> np.ndarray:
+        """True for the cosines (m,) at which the seeds have the same order: only there can the boxes move along."""
+        order = [corner.seed for corner in self._corners]
+        return np.array([order == [corner.seed for corner in _corners(*_angle(cosine))] for cosine in cosines], bool)
+
+    def __call__(self, cosines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        tables = [directions(self._moved(float(cosine)), self._points) for cosine in cosines]
+        wo, share = (np.stack(parts) for parts in zip(*tables, strict=True))
+        return wo.reshape(len(cosines), 3, -1), (share * self._weights).reshape(len(cosines), -1)
+
+    def _moved(self, cosine: float) -> Boxes:
+        low, size, patch = (column.copy() for column in self._boxes)
+        for number, (old, new) in enumerate(zip(self._corners, _corners(*_angle(cosine)), strict=True)):
+            mine = patch[:, 5] == number
+            core, moved = min(old.reach, _LONGEST), min(new.reach, _LONGEST)
+            if old.reach <= 0 or not np.any(mine):
+                continue
+            plain = mine & (patch[:, 4] == 0)
+            beyond = plain & (low[:, 0] >= core)
+            beside = plain & ~beyond
+            along = np.arcsinh(moved / CENTRE) / np.arcsinh(core / CENTRE)
+            low[mine & ~plain, 0] *= along
+            size[mine & ~plain, 0] *= along
+            low[beside, 0] *= moved / core
+            size[beside, 0] *= moved / core
+            rest = (np.pi / 2 - moved) / (np.pi / 2 - core)
+            low[beside, 1] = moved + (low[beside, 1] - core) * rest
+            size[beside, 1] *= rest
+            if np.any(beyond):
+                rest = (new.reach - moved) / (old.reach - core)
+                low[beyond, 0] = moved + (low[beyond, 0] - core) * rest
+                size[beyond, 0] *= rest
+            patch[mine, 1] = new.height
+        return Boxes(low, size, patch)
+
+
+def _angle(cosine: float) -> tuple[float, float]:
+    """Sine and cosine."""
+    return float(np.sqrt((1 - cosine) * (1 + cosine))), float(cosine)
