@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -25,8 +25,9 @@ _log = logging.getLogger("brdfcheck")
 
 BLOCK = 760
 """Directions of a row: what a program takes for one incidence."""
-# Rows a program takes. A request is padded to whole blocks and rows, so a function compiles one program, whatever is asked.
-_ROWS = 64
+# Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
+# asked, and a small request is cheap.
+_ROWS, _GROUP = 64, 8
 # Numbers (rows x directions x channels) that a program may return: bounds the memory of functions with many channels.
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
@@ -93,8 +94,11 @@ class Evaluator:
         self.channels = next((channels for channels in checked if channels is not None), None)
         if self.channels is not None and self.channels > _MOST_CHANNELS:
             raise Finding(f"{self._name} returned {self.channels} channels; at most {_MOST_CHANNELS} are looked at")
-        self.epsilon = float(jnp.finfo(shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else float).eps)
-        self._rows = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
+        self._dtype = shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else np.dtype(float)
+        self.epsilon = float(jnp.finfo(self._dtype).eps)
+        most = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
+        self._group = min(_GROUP, most)
+        self._rows = most // self._group * self._group
         if self.slow:
             _log.warning("%s cannot be traced by JAX: evaluated with numpy, which is slower", self._name)
         else:
@@ -187,12 +191,22 @@ class Evaluator:
             light = jnp.stack([jnp.broadcast_to(wi[i], (BLOCK,)) for i in range(3)], axis=-1)
             view = jnp.stack([c * wo[0] - s * wo[1], s * wo[0] + c * wo[1], wo[2]], axis=-1)
             if self.alone:
-                return jax.vmap(lambda i, o: jnp.reshape(function(i[None], o[None]), (self.channels or 1,)))(light, view)
+                alone = jax.vmap(lambda i, o: jnp.reshape(function(i[None], o[None]), shape[2:]))
+                return alone(light, view).astype(self._dtype)
             values = jnp.asarray(function(light, view))
-            values = values if jnp.issubdtype(values.dtype, jnp.floating) else values.astype(float)
-            return values if values.ndim else jnp.broadcast_to(values, (BLOCK,))
+            return (values if values.ndim else jnp.broadcast_to(values, (BLOCK,))).astype(self._dtype)
 
-        self._program = jax.jit(jax.vmap(row))
+        group = self._group
+        shape = (self._rows, BLOCK) if self.channels is None else (self._rows, BLOCK, self.channels)
+
+        def program(groups: Any, *arguments: Any) -> Any:
+            def step(index: Any, values: Any) -> Any:
+                some = [jax.lax.dynamic_slice_in_dim(part, index * group, group) for part in arguments]
+                return jax.lax.dynamic_update_slice_in_dim(values, jax.vmap(row)(*some), index * group, 0)
+
+            return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
+
+        self._program = jax.jit(program)
 
     def rows(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """f for rows of directions: parameters (rows, names), wi (rows, 3, 1 or BLOCK) and wo (rows, 3, BLOCK).
@@ -204,7 +218,7 @@ class Evaluator:
         def piece(rows: slice) -> np.ndarray:
             return self._evaluate(parameters[rows], wi[rows], still[rows], wo[rows])
 
-        return np.concatenate(_side_by_side(piece, self._pieces(parameters)))
+        return np.concatenate(side_by_side(piece, self._pieces(parameters)))
 
     def sums(
         self,
@@ -242,14 +256,17 @@ class Evaluator:
                 note(at, np.stack([c * x - s * y, s * x + c * y, z], axis=1), values, finite, share)
             return found
 
-        parts = _side_by_side(piece, self._pieces(parameters[point]))
+        parts = side_by_side(piece, self._pieces(parameters[point]))
         return np.concatenate(parts).reshape(len(wi), blocks, -1)
 
     def _pieces(self, parameters: np.ndarray) -> list[slice]:
         """Rows that are evaluated together; of a numpy function those of the same parameters, in one call."""
         count = len(parameters)
         if not self.slow:
-            return [slice(i, min(i + self._rows, count)) for i in range(0, count, self._rows)]
+            # As many for each core, in whole groups.
+            share = -(-count // (self._group * len(available_cores()))) * self._group
+            size = min(share, self._rows)
+            return [slice(i, min(i + size, count)) for i in range(0, count, size)]
         change = np.flatnonzero(np.any(parameters[1:] != parameters[:-1], axis=1)) + 1
         limits = np.unique(np.concatenate([[0, count], change]))
         most = max(1, _NUMPY_CALL // BLOCK)
@@ -268,7 +285,7 @@ class Evaluator:
             )
         try:
             with np.errstate(all="ignore"), double_precision():
-                values = np.asarray(self._program(parameters, wi, turn, wo))[:count]
+                values = np.asarray(self._program(-(-count // self._group), parameters, wi, turn, wo))[:count]
         except Exception as error:
             raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
         return values.reshape(count, BLOCK, -1)
@@ -385,10 +402,17 @@ def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:
     return wi[:count], wo[:count]
 
 
-def _side_by_side(function: Callable[[Any], np.ndarray], pieces: list[Any]) -> list[np.ndarray]:
-    """`function` of all pieces, on as many cores as there are."""
+_inside = threading.local()
+
+
+def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any]) -> list[Any]:
+    """`function` of all pieces, on as many cores as there are. What the function itself runs in this way runs on its core."""
     workers = min(len(available_cores()), len(pieces), 8)
-    if workers < 2:
+    if workers < 2 or getattr(_inside, "worker", False):
         return [function(piece) for piece in pieces]
-    with ThreadPoolExecutor(workers) as pool:
+
+    def begin() -> None:
+        _inside.worker = True
+
+    with ThreadPoolExecutor(workers, initializer=begin) as pool:
         return list(pool.map(function, pieces))

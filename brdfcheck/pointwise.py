@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf import AbstractZonalLobe
-from brdfcheck.callables import BLOCK, Evaluator
-from brdfcheck.directional import adaptive_albedo, has_engine, paired_lobes, peel
+from brdfcheck.callables import BLOCK, Evaluator, side_by_side
+from brdfcheck.directional import Albedo, adaptive_albedo, has_engine, paired_lobes, peel
 from brdfcheck.family import Family
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.graded import GradedRule
@@ -273,14 +273,15 @@ class PointwiseAlbedo:
         rtol: float,
         keep: Callable[[float, Mesh], object] = lambda mu, mesh: None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        values, errors = [], []
-        for row, mu, turn in zip(parameters[:, self._columns], cos_theta, azimuth, strict=True):
+        def integrated(point: tuple[np.ndarray, float, float]) -> Albedo:
+            row, mu, turn = point
             bound = evaluator.bind({name: float(value) for name, value in zip(self.swept, row, strict=True)})
-            result = adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep)
-            self.evaluations += int(result.evaluations)
-            values.append(np.asarray(result.value))
-            errors.append(np.asarray(result.error))
-        return np.asarray(values), np.asarray(errors)
+            return adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep)
+
+        points = list(zip(parameters[:, self._columns], cos_theta, azimuth, strict=True))
+        results = side_by_side(integrated, points)
+        self.evaluations += sum(int(result.evaluations) for result in results)
+        return np.array([result.value for result in results]), np.array([result.error for result in results])
 
 
 class Frozen:
@@ -299,9 +300,7 @@ class Frozen:
         value, error, _ = worst_channel(every, bars)
         self.value, self.error = float(value[0]), float(error[0])
 
-    def __call__(
-        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = parameters, cos_theta, azimuth
         if np.all(cos_theta == 0):
             found = [self._limit(*(part[i : i + 1] for part in points)) for i in range(len(cos_theta))]

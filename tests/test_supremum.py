@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +26,17 @@ def largest(build: Callable, cos_theta: tuple[float, float] = (0.0, 1.0), **rang
 
 def scaled(lobe: Callable, a: float, b: float) -> Callable:
     return lambda n: Normalized(lobe(n), Factor(a, b))
+
+
+class Beside(NamedTuple):
+    """What is known at a place, and the surface beside it."""
+
+    value: float
+    error: float
+    surface: PointwiseAlbedo
+
+    def __call__(self, parameters, cos_theta, azimuth):
+        return self.surface(parameters, cos_theta, azimuth)
 
 
 class Planted(PointwiseAlbedo):
@@ -64,6 +76,10 @@ class Planted(PointwiseAlbedo):
         self.evaluations += len(cos_theta)
         value = self._surface(parameters, cos_theta, azimuth)
         return value, np.full(len(cos_theta), self._error)
+
+    def frozen(self, parameters, cos_theta, azimuth, rtol):
+        value, error = self(parameters[None], np.array([cos_theta]), np.array([azimuth]))
+        return Beside(float(value[0]), float(error[0]), self)
 
     def channels(self, parameters, cos_theta, azimuth, *, rtol=None):
         return self(parameters, cos_theta, azimuth)

@@ -223,6 +223,4 @@ def integrate_hemisphere(
     if integrand.scalar:
         value, error = value[0], error[0]
     mesh = Mesh(boxes, float(cos_theta), _NODES_ONLY, np.outer(_WEIGHTS[0], _WEIGHTS[0]).ravel())
-    return HemisphereIntegral(
-        np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite, mesh
-    )
+    return HemisphereIntegral(np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite, mesh)

@@ -104,6 +104,10 @@ class Box:
         difference = first - second
         return np.where(self.periodic, (difference + 0.5) % 1 - 0.5, difference)
 
+    def distance(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """The largest difference of a coordinate, of points (..., dimension) of the cube."""
+        return np.max(np.abs(self.apart(first, second)), axis=-1, initial=0.0)
+
     def angle_at(self, cosine: np.ndarray | float) -> np.ndarray:
         """The unit coordinate of a cosine of incidence, kept within the box."""
         low, high = self._t

@@ -66,14 +66,15 @@ def climb(
     mixed: np.ndarray | None = None,
     drop: float = np.inf,
     calm: int = 2,
+    reach: float = np.inf,
     check: Callable[[], None] = lambda: None,
 ) -> Climbs:
     """Climb from each of `starts` (climbs, dimension), with stencils of `radii` at first.
 
     `goal`: the gain below which a maximum counts as reached, relative to max(|value|, 1); `smallest`: where stencils stop to
     shrink; `mixed`: mixed second derivatives (climbs, dimension, dimension) that are known, which saves the points for them;
-    `drop`: how far below the best a climb is given up; `calm`: after how many rounds with little to gain it has ended; `check`
-    is called once a round.
+    `drop`: how far below the best a climb is given up; `calm`: after how many rounds with little to gain it has ended; `reach`:
+    how far from its start a climb goes, about, before it is stopped; `check` is called once a round.
     """
     count, dimension = starts.shape
     value, error = function(starts)
@@ -144,9 +145,11 @@ def climb(
         state.gaps[which] = np.where(flat, np.minimum(state.gaps[which], model.spread), state.gaps[which])
         state.settled[which] = flat | (quiet[which] >= calm)
         shrunk = np.where(improved, np.clip(1.5 * moved, radius / 6, 3 * radius), radius / 5)
-        state.radii[which] = np.minimum(np.where(small_stencil, 5 * radius, shrunk), 0.25)
+        state.radii[which] = np.minimum(np.where(small_stencil, 5 * radius, shrunk), min(0.25, reach))
         small = state.radii[which] < smallest
-        active[which] = ~(state.settled[which] | small)
+        gone = box.distance(state.places[which], starts[which]) > reach
+        state.settled[which] &= ~gone
+        active[which] = ~(state.settled[which] | small | gone)
     return state
 
 

@@ -1,0 +1,297 @@
+"""Albedos at the accuracy of a verdict where climbs have ended, with the rest of the way up; and the limits at grazing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from brdfcheck.pointwise import GRAZING
+from brdfcheck.verdict.box import DECADES, Box
+from brdfcheck.verdict.climb import Climbs, climb
+from brdfcheck.verdict.poles import SUSPICIOUS, pole
+from brdfcheck.verdict.surface import Surface
+from brdfcheck.verdict.winners import Winners
+
+RUNGS = (1e-5, 1e-7)
+"""Accuracies at which places are confirmed, one after the other, as long as they may be the highest."""
+# An error that is left at the last of these marks a BRDF with jumps.
+_HARD = 1e-3
+# How far off a quick rule may be for its climbs to say anything.
+_BLIND = 1e-3
+# How many places are asked by more than the first of these, and how many of two accuracies in all.
+_FINEST = 6
+# How many climbs that were not finished are gone on with, and how many places are asked for more digits; on the last way
+# up, how far the rule of one place is taken to serve, and how many such rules there may be.
+_UNFINISHED, _TIGHTENED = 10, 32
+_REACH, _RULES = 3e-3, 12
+# How often a climb begins again where it was misled, and from what error on it does not.
+_STALE, _ROUGH = 2, 1e-8
+# How near (in the unit cube) a limit is to another one that speaks for it.
+_SAME = 2e-3
+# How far from its end the angle is looked at once more where a place lies there.
+_ARM = 1e-3
+
+
+class Confirmation:
+    """Puts places into `winners`. `check` is called between the steps."""
+
+    def __init__(self, surface: Surface, winners: Winners, check: Callable[[], None]):
+        self.surface, self.winners, self.check = surface, winners, check
+        # Set where the rule of a verdict does not converge (jumps): more of its evaluations would tell little more.
+        self.hard = False
+        # A place, and towards what the albedo grows without bound.
+        self.unbounded: tuple[np.ndarray, str] | None = None
+
+    # --- places as they are, and ends of climbs ---
+
+    def places(self, places: np.ndarray) -> None:
+        """Confirm places as they are."""
+        if len(places):
+            self._add(places, *self._resolved(places))
+
+    def ends(self, ends: Climbs) -> None:
+        """Confirm where climbs ended; the best go on to the top by the rule of a verdict."""
+        if not len(ends.places):
+            return
+        ends.places[:] = self.surface.snapped(ends.places)
+        gaps = np.where(np.isfinite(ends.gaps), ends.gaps, 0)
+        if self.surface.fast:  # the rule of the climb is that of a verdict
+            self._add(ends.places, ends.values, ends.errors, None, gaps=gaps, settled=ends.settled, climbed=True)
+            return
+        value, error, asked = self._resolved(ends.places)
+        # Where the quick rule is far off, its climb is none: what counts is the place, and what is found by better rules.
+        off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
+        blind = (off > _BLIND) & (off > gaps)
+        for which, climbed in ((np.flatnonzero(~blind), True), (np.flatnonzero(blind), False)):
+            left = {"gaps": gaps[which], "settled": ends.settled[which]} if climbed else {}
+            self._add(ends.places[which], value[which], error[which], asked, climbed=climbed, **left)
+        if self.unbounded is not None or not np.any(np.isfinite(value)):
+            return
+        # Where the rule does not reach its accuracy (edges, jumps), a climb by it says nothing.
+        worth = np.flatnonzero((error < 1e-4) & (value + 3 * error > max(np.nanmax(value), self.winners.best - 1e-6) - 1e-6))
+        worth = worth[np.argsort(-value[worth])][:2]
+        for index in worth:
+            # On a kink that runs across the axes no small stencil sees where it rises: there the climb's own gap is kept.
+            hidden = float(gaps[index]) if ends.kinked[index] else 0.0
+            radius = float(np.clip(10 * ends.radii[index], 1e-4, 2e-3))
+            self._polish(ends.places[index], ends.mixed[index], radius, hidden=hidden)
+        if self.surface.grazes:
+            places = np.concatenate([ends.places[worth], self.winners.places[-1:]])
+            self.limits(places[places[:, self.surface.angle] < 0.02])
+
+    def _resolved(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Albedos of some places, the more accurate the higher: what is clearly lower than the best needs no digits.
+
+        The last number is the accuracy that the first of them was asked for.
+        """
+        rtol = self.surface.rtol
+        if self.surface.fast:
+            return *self.surface.produce(places, rtol), 0.0
+        final = max(rtol or 0, 1e-13)
+        value, error = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+        some, asked = np.arange(len(places)), final
+        rungs = [rung for rung in RUNGS if rung > final]
+        for asked in rungs if self.hard and rungs else [*rungs, final]:
+            value[some], error[some] = self.surface.produce(places[some], asked)
+            finite = np.isfinite(value)
+            least = max(self.winners.best, float(np.max((value - error)[finite], initial=-np.inf)))
+            some = np.flatnonzero(finite & (value + error >= least) & (error > 0))
+            # What did not come near the accuracy asked for has an edge or a jump: only the highest is tried once more.
+            stuck = error[some] > 3 * asked * np.maximum(np.abs(value[some]), 1)
+            self.hard |= bool(asked == RUNGS[-1] and some.size and np.all(error[some] > _HARD))
+            order = np.argsort(-value[some])
+            some = some[order][: 1 if np.any(stuck) else _FINEST]
+            if not some.size:
+                break
+        return value, error, asked if len(places) == 1 else RUNGS[0]
+
+    def _add(self, places: np.ndarray, value: np.ndarray, error: np.ndarray, asked: float | None, **more: object) -> None:
+        self.winners.add(places, value, error, asked, **more)  # pyright: ignore[reportArgumentType]
+        for index in np.flatnonzero(np.isposinf(value)):
+            if self.unbounded is None:
+                _, mu, _ = self.surface.box.physical(places[index][None])
+                everywhere = "everywhere near this place: the integral over the hemisphere does not converge"
+                self.unbounded = places[index], "towards grazing incidence" if mu[0] == 0 else everywhere
+
+    def _polish(
+        self, place: np.ndarray, mixed: np.ndarray | None, radius: float, *, hidden: float = 0.0, limit: bool = False
+    ) -> None:
+        """Climb from a place to the top, by the rule that its integral ends with, and confirm that.
+
+        At the ends of the angle the boxes of that rule are others than just inside: there the angle is held, and looked at by
+        itself. `hidden`: what the surface is known to hide from a climb.
+        """
+        surface, angle = self.surface, self.surface.angle
+        _, mu, _ = surface.box.physical(place[None])
+        held = angle is not None and bool(mu[0] == 1 or mu[0] <= GRAZING)
+        inner = Box(surface.box.ranges, (1.0, 1.0), turning=surface.box.turning) if held else surface.box
+        if held and mixed is not None:
+            mixed = np.delete(np.delete(mixed, angle, axis=0), angle, axis=1)
+        value, error, asked = self._asked(place, limit)
+        self._add(place[None], np.array([value]), np.array([error]), asked, climbed=True, limit=limit)
+        for turn in range(_RULES if np.isfinite(value) and inner.dimension else 0):
+            # How a surface slopes is told well enough by a rule that is less accurate than its values must be.
+            start, _, near = surface.beside(place, max(RUNGS[-1], surface.rtol or 0), limit=limit)
+
+            def function(rest: np.ndarray, near=near, place=place) -> tuple[np.ndarray, np.ndarray]:
+                return near(np.insert(rest, angle, place[angle], axis=1) if held else rest)
+
+            ends = climb(
+                function,
+                inner,
+                (np.delete(place, angle) if held else place)[None],
+                radius,
+                goal=2e-11,
+                rounds=12,
+                smallest=1e-9,
+                mixed=None if mixed is None else mixed[None],
+                calm=1,
+                reach=_REACH,
+                check=self.check,
+            )
+            end = np.insert(ends.places[0], angle, place[angle]) if held else ends.places[0]
+            done = bool(ends.settled[0] or ends.radii[0] < 1e-8) and not ends.kinked[0]
+            gap = max(float(ends.gaps[0]) if np.isfinite(ends.gaps[0]) else 0.0, hidden)
+            promised, moved = float(ends.values[0]) - start, float(surface.box.distance(end, place))
+            fresh, bar, asked = self._asked(end, limit)
+            blur = error + bar + 1e-9 * max(1, abs(value))
+            rises, stale = fresh - value > blur and moved > _REACH, promised - (fresh - value) > blur
+            if moved > _REACH and not rises:  # along a ridge that hardly rises, which may go on to the other end of the box
+                gap, done = max(gap, (fresh - value) / moved), True
+            if stale:  # the rule of one place does not serve at the other
+                gap = max(gap, promised - (fresh - value))
+            left = {"gaps": gap, "settled": done, "climbed": True, "limit": limit}
+            self._add(end[None], np.array([fresh]), np.array([bar]), asked, **left)
+            if fresh >= value:
+                place, value, error = end, fresh, bar
+            if not rises and not (stale and turn < _STALE and error < _ROUGH):
+                break
+            radius = float(np.clip(10 * ends.radii[0], 1e-5, 1e-3)) / (10 if stale else 1)
+        if held and not limit and np.isfinite(value):
+            self._inwards(place, value, error)
+
+    def _asked(self, place: np.ndarray, limit: bool) -> tuple[float, float, float | None]:
+        """The albedo of a place at the accuracy of a verdict, where it is not known yet; and that accuracy."""
+        rtol, winners = self.surface.rtol, self.winners
+        index = winners.find(place, limit)
+        if index is None or winners.asked[index] > (rtol or 0):
+            value, error = self.surface.produce(place[None], rtol, limit=limit)
+            return float(value[0]), float(error[0]), rtol
+        return float(winners.values[index]), float(winners.errors[index]), rtol
+
+    def _inwards(self, place: np.ndarray, value: float, error: float) -> None:
+        """Whether the surface rises from the end of the angle inwards, by the rule of a verdict; then it is climbed."""
+        surface, angle = self.surface, self.surface.angle
+        arm = place.copy()
+        arm[angle] += _ARM if place[angle] < 0.5 else -_ARM
+        found, bar = surface.produce(arm[None], surface.rtol)
+        self._add(arm[None], found, bar, surface.rtol)
+        if not found[0] - bar[0] > value + error:
+            return
+        ends = climb(
+            lambda unit: surface.produce(unit, surface.rtol),
+            surface.box,
+            arm[None],
+            _ARM,
+            goal=1e-10,
+            rounds=8,
+            smallest=1e-8,
+            calm=1,
+            check=self.check,
+        )
+        gaps = np.where(np.isfinite(ends.gaps), ends.gaps, 0)
+        self._add(ends.places, ends.values, ends.errors, surface.rtol, gaps=gaps, settled=ends.settled, climbed=True)
+
+    # --- at the end of a search ---
+
+    def finish(self) -> None:
+        """Climb on where a climb stopped early and could still become the highest."""
+        if self.surface.fast or self.unbounded is not None or self.hard or not self.surface.box.dimension:
+            return
+        winners = self.winners
+        for _ in range(_UNFINISHED if np.any(winners.finite) else 0):
+            early = [i for i in winners.open() if not (winners.climbed[i] and winners.asked[i] <= (self.surface.rtol or 0))]
+            if not winners.climbed[winners.top]:
+                early.insert(0, winners.top)
+            if not early or winners.errors[early[0]] > 1e-4:
+                return
+            winners.asked[early[0]] = self.surface.rtol or 0
+            self._polish(winners.places[early[0]], None, _ARM)
+            winners.climbed[early[0]], winners.settled[early[0]], winners.gaps[early[0]] = True, True, 0.0
+
+    def tighten(self) -> None:
+        """More digits for places that are as high as the winner only by their own error."""
+        rtol, winners = self.surface.rtol, self.winners
+        if self.surface.fast or self.unbounded is not None or rtol is None:
+            return
+        for accuracy, most in ((max(RUNGS[-1], rtol), _TIGHTENED), (rtol, _FINEST)):
+            if not np.any(winners.finite):
+                return
+            loose = winners.loose(accuracy)[:most]
+            if loose.size:
+                some = winners.places[loose]
+                self._add(some, *self.surface.produce(some, accuracy), accuracy)
+
+    # --- grazing light and poles ---
+
+    def graze(self, corners: int) -> None:
+        """The limit at grazing incidence where the decades before it promise more than has been found."""
+        surface, winners = self.surface, self.winners
+        ladder = surface.box.grazing(corners)
+        if not len(ladder) or surface.fast:
+            return
+        if len(winners):
+            ladder = np.concatenate([ladder, surface.box.at_decades(winners.places[-8:])])
+        value, _ = surface.estimate(0, ladder.reshape(-1, surface.box.dimension))
+        value = value.reshape(len(ladder), len(DECADES))
+        with np.errstate(all="ignore"):
+            step, before = value[:, -1] - value[:, -2], value[:, -2] - value[:, -3]
+            ratio = np.clip(np.where(before > 0, step / before, 0), 0, 0.98)
+            promise = value[:, -1] + np.where(step > 1e-8 * np.abs(value[:, -1]), step * ratio / (1 - ratio), 0)
+        promise = np.where(np.isfinite(promise), promise, -np.inf)
+        order = np.argsort(promise)[::-1]
+        worth = [index for index in order if promise[index] > winners.best - 2e-3 * max(1, abs(winners.best))][:4]
+        # Growth that has not come far yet is followed too.
+        growth = step > 1e-6 * np.maximum(1e-9, np.abs(value[:, -1]))
+        growing = [index for index in order if growth[index] and ratio[index] > 0.93][:2]
+        self.limits(ladder[sorted({*worth, *growing}), -1])
+
+    def limits(self, places: np.ndarray) -> None:
+        """The limits at grazing incidence for the parameters and azimuths of some places; the best is followed to its top."""
+        surface, angle = self.surface, self.surface.angle
+        if not len(places) or angle is None:
+            return
+        places = places.copy()
+        places[:, angle] = 0
+        known = self.winners.places[self.winners.limits]
+        near = [surface.box.distance(known, place).min(initial=np.inf) < _SAME for place in places]
+        places = np.unique(places[~np.array(near, bool)], axis=0)
+        if not len(places):
+            return
+        before, _ = surface.produce(places, RUNGS[-1])
+        accuracy = RUNGS[0] if self.hard else max(surface.rtol or 0, 1e-9)
+        value, error = surface.produce(places, accuracy, limit=True)
+        self._add(places, value, error, accuracy, limit=True)
+        finite = np.isfinite(value)
+        if self.unbounded is not None or not np.any(finite):
+            return
+        top = int(np.argmax(np.where(finite, value, -np.inf)))
+        if value[top] < self.winners.best - 1e-6 or self.hard:
+            return
+        # Where the limit is that of values just before it, the climb that led here has found the best parameters.
+        if abs(value[top] - before[top]) >= 1e-6 and surface.box.dimension > 1:
+            self._polish(places[top], None, 3e-2, limit=True)
+
+    def poles(self, ends: Climbs, level: int) -> None:
+        """Whether a climb to a large value is one towards a pole: it goes on growing as the surroundings shrink."""
+        for index in np.argsort(ends.values)[::-1][:2]:
+            if ends.values[index] < SUSPICIOUS:
+                return
+            place = pole(self.surface, ends.places[index], float(ends.values[index]), level, self.check)
+            if place is not None:
+                parameters, mu, _ = self.surface.box.physical(place[None])
+                names = [f"{name}={number:.4g}" for name, number in zip(self.surface.box.ranges, parameters[0], strict=True)]
+                self.unbounded = place, f"towards {' '.join([*names, f'cos={mu[0]:.4g}'])}"
+                self._add(place[None], np.array([np.inf]), np.array([np.inf]), 0.0)
+                return

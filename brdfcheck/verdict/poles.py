@@ -1,0 +1,47 @@
+"""Poles inside the box: places towards which an albedo grows without bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from brdfcheck.verdict.box import cosine_at
+from brdfcheck.verdict.surface import Surface
+
+SUSPICIOUS = 30.0
+"""Values above this are examined for a pole."""
+# How much higher the surroundings are the nearer, and how often in fourteen decades; what is as large as this is infinite.
+_HIGHER, _OFTEN, _ENDLESS = 1.2, 6, 1e15
+# What is nearer to grazing than this (in the coordinate of the angle) is grazing, which has a limit of its own.
+_GRAZING = 1e-3
+
+
+def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: Callable[[], None]) -> np.ndarray | None:
+    """The place of a pole near `place`, where the albedo is `value` by the rule of a level; None where there is none.
+
+    A pole is higher the nearer one comes, over decades. `check` is called once a decade.
+    """
+    random = np.random.default_rng(4)
+    dimension = surface.box.dimension
+    tops, around = [], []
+    for exponent in range(1, 15):
+        offsets = random.uniform(-1, 1, (48 + 16 * dimension, dimension))
+        offsets[: 4 * dimension] = np.concatenate([np.eye(dimension) * s for s in (1, -1, 0.5, -0.5)])
+        places = surface.box.kept(place + 10.0**-exponent * offsets)
+        found, _ = surface.estimate(level, places)
+        top = int(np.argmax(found))
+        if found[top] > value:
+            place, value = places[top], float(found[top])
+        tops.append(value)
+        around.append(float(np.median(found)))
+        check()
+    rising = np.array(around[1:]) > _HIGHER * np.abs(np.array(around[:-1]))
+    nearer = np.array(tops[1:]) > _HIGHER * np.array(tops[:-1])
+    # No end to it where the surroundings are smaller than the distance to the pole.
+    if np.count_nonzero(rising) + np.count_nonzero(nearer) < _OFTEN:
+        return None
+    if not (np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > _ENDLESS):
+        return None
+    _, mu, _ = surface.box.physical(place[None])
+    return None if mu[0] <= cosine_at(np.array(_GRAZING)) else place

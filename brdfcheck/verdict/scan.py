@@ -1,0 +1,210 @@
+"""The points at which a search looks before it climbs: quick values, finer ones where they matter, and where to look again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from brdfcheck.verdict.surface import Surface
+
+# Points of the first scan for no, one, two, and more swept parameters.
+_POINTS = (4096, 8192, 8192, 9216)
+# Values of the cosine in a scan of a function.
+_COSINES = 513
+# Into how many parts the angles are divided, each with its share of the starts.
+_SHARES = 8
+# How many points of a scan may be looked at by the second and the third rule, and how many at the end by the third.
+_SECOND, _THIRD, _LAST = 512, 64, 1024
+# What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
+_MARGIN = 1e-3
+# Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned.
+_TURNED = 1e-7
+
+
+@dataclass
+class Points:
+    """Scanned points: places in the cube, values, how far they may be off, and the level of the rule (levels: confirmed)."""
+
+    places: np.ndarray
+    values: np.ndarray
+    errors: np.ndarray
+    levels: np.ndarray
+
+    @property
+    def reach(self) -> np.ndarray:
+        """What the values may be."""
+        return self.values + self.errors
+
+    def joined(self, other: Points) -> Points:
+        """These points, then the others."""
+        return Points(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+
+class Scan:
+    """Scans of a surface. `scale` multiplies how many points there are."""
+
+    def __init__(self, surface: Surface, scale: float):
+        self.surface, self.scale = surface, scale
+        swept = len(surface.box.swept)
+        self._count = int(_POINTS[min(swept, 3)] * scale)
+        if surface.fast:
+            self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
+        self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
+        box = surface.box
+        self.points = self.look(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]), -np.inf)
+        self._straighten()
+
+    @property
+    def best(self) -> float:
+        """What the largest albedo is at least, by the scans."""
+        return float(np.max(self.points.values - self.points.errors, initial=-np.inf))
+
+    def again(self, turn: int, best: float) -> Points:
+        """Another scan, disjoint from those before: evenly, and where the surface may rise above the best seen."""
+        places = [self.surface.box.scan(self._count // 4, (turn + 1) * self._count, self._cosines)]
+        fresh = self.look(np.concatenate([*places, self._near(self._count // 8, turn)]), best)
+        self.points = self.points.joined(fresh)
+        return fresh
+
+    def spread(self, count: int) -> np.ndarray:
+        """So many more places, evenly."""
+        return self.surface.box.scan(count, 10**6, self._cosines)
+
+    def look(self, places: np.ndarray, best: float) -> Points:
+        """A scan by the quick rule, and finer rules where that may matter for what is higher than `best`."""
+        value, error = self.surface.estimate(0, places)
+        found = Points(places, value, error, np.zeros(len(value), int))
+        finer = (_THIRD,) if self.surface.fast else (_SECOND, _THIRD)
+        for level, most in zip(range(1, self.surface.finest + 1), finer, strict=False):
+            self._sharpen(found, level, int(most * self.scale), best)
+        return found
+
+    def sharpen(self, best: float) -> None:
+        """Take what may be higher than the best by the finest of the quick rules."""
+        self._sharpen(self.points, self.surface.finest, int(_LAST * self.scale), best)
+
+    def _sharpen(self, points: Points, level: int, most: int, best: float) -> None:
+        """Take the points that may be the highest by the rule of the next level; the change is the error."""
+        reach = points.reach
+        floor = best + (1e-9 if level > 1 else -_MARGIN * max(1, abs(best))) if np.isfinite(best) else -np.inf
+        chosen = np.flatnonzero((points.levels == level - 1) & (reach > floor))
+        if not self.surface.fast:
+            chosen = chosen[points.errors[chosen] > 1e-10]
+        chosen = chosen[np.argsort(-reach[chosen])][:most]
+        if not chosen.size:
+            return
+        value, error = self.surface.estimate(level, points.places[chosen])
+        if not self.surface.fast:
+            error = np.abs(value - points.values[chosen]) / 3
+        points.values[chosen], points.levels[chosen] = value, level
+        points.errors[chosen] = np.where(np.isfinite(error), error, 0)
+
+    def _straighten(self) -> None:
+        """Without an axis for the azimuth where that does not matter."""
+        surface, points = self.surface, self.points
+        if surface.fast:
+            return
+        albedo = surface.albedo
+        # In single precision all albedos change by rounding when they turn: there the pairs have decided.
+        if not albedo.anisotropic and albedo.epsilon < 1e-10:
+            order = np.argsort(points.values)[::-1]
+            places = points.places[np.concatenate([order[:128], order[128 :: max(1, len(order) // 128)]])]
+            values = []
+            for turn in (0.0, 0.381966, 2e-7, 1e-6):
+                moved = places.copy()
+                moved[:, -1] = (moved[:, -1] + turn) % 1
+                values.append(surface.estimate(0, moved)[0])
+            with np.errstate(all="ignore"):
+                change, noise = np.abs(values[1] - values[0]), np.abs(np.array(values[2:]) - values[0]).max(axis=0)
+                told = surface.box.physical(places)[1] < 1 - 1e-6  # light along N has no azimuth
+                told &= change > max(_TURNED, 64 * albedo.epsilon) * np.maximum(np.abs(values[0]), 1e-3) + 10 * noise
+            albedo.anisotropic = bool(np.any(told))
+        if not albedo.anisotropic:
+            surface.without_azimuth()
+            points.places = points.places[:, :-1]
+
+    def starts(self, points: Points, most: int) -> np.ndarray:
+        """Indices of the best points that are well separated, from all angles; a plateau of equal values is few of them.
+
+        Towards grazing many BRDFs reflect all there is: without shares for the other angles, starts would be nowhere else.
+        """
+        box, angle = self.surface.box, self.surface.angle
+        spacing = 0.5 * len(points.values) ** (-1 / max(box.dimension, 1))
+        share = np.zeros(len(points.values), int)
+        if angle is not None:
+            share = np.minimum((points.places[:, angle] * _SHARES).astype(int), _SHARES - 1)
+        parts = np.unique(share)
+        quota = -(-most // len(parts))
+        chosen: list[int] = []
+        for part in parts:
+            inside = np.flatnonzero((share == part) & np.isfinite(points.values))
+            # One by what it may be, one by what it is at least, in turn.
+            hopeful = inside[np.argsort(-(points.values + 0.5 * points.errors)[inside])]
+            surely = inside[np.argsort(-(points.values - points.errors)[inside])]
+            mine: list[int] = []
+            for index in np.stack([surely, hopeful], axis=1).ravel()[: 128 * quota]:
+                if len(mine) >= quota:
+                    break
+                value = points.values[index]
+                if sum(abs(points.values[i] - value) <= 1e-7 * max(1.0, abs(value)) for i in mine) >= 2:
+                    continue
+                if box.distance(points.places[[*mine, *chosen]], points.places[index]).min(initial=np.inf) >= spacing:
+                    mine.append(int(index))
+            chosen += mine
+        return np.array(chosen, int)
+
+    def doubtful(self, best: float, known: np.ndarray, around: float) -> np.ndarray:
+        """Indices of points that may be higher than `best` by their own error, not within `around` of the places `known`.
+
+        Around those it is a climb that tells how high the surface goes.
+        """
+        points = self.points
+        inside = (points.levels > 0) & (points.levels <= self.surface.finest) & (points.errors > 1e-7)
+        indices = np.flatnonzero(inside & (points.reach > best + 1e-9))
+        away = [self.surface.box.distance(known, points.places[i]).min(initial=np.inf) > around for i in indices]
+        return indices[np.array(away, bool)]
+
+    def _near(self, count: int, seed: int) -> np.ndarray:
+        """Points where the surface may rise above the best between the points known so far: `count` of them, at most."""
+        points, box = self.points, self.surface.box
+        dimension = box.dimension
+        good = np.flatnonzero(np.isfinite(points.values))
+        if dimension == 0 or len(good) < 4 * (dimension + 1):
+            return np.zeros((0, dimension))
+        tree = KDTree(points.places[good])
+        top = good[np.argsort(points.values[good])[::-1][: min(len(good), 4096)]]
+        distance, neighbours = tree.query(points.places[top], k=2 * dimension + 2)
+        around = points.values[good][neighbours]
+        # As steep on as it was so far: what a point could be half way to the next.
+        steep = np.max(np.abs(around - points.values[top][:, None]), axis=1)
+        centres = np.argsort(points.values[top] + 0.5 * steep)[::-1][: max(1, count // 3)]
+        random = np.random.default_rng(100 + seed)
+        reach = np.maximum(distance[centres, -1], 1e-4)[:, None]
+        moved = [points.places[top[centres]] + reach * random.normal(0, 0.5, (len(centres), dimension)) for _ in range(3)]
+        return box.kept(np.concatenate(moved))
+
+    def width(self, places: np.ndarray | None) -> dict[str, float]:
+        """The widest region that scans may have missed: the largest gaps between points, axis by axis and in all.
+
+        `places`: those that count, where the quick rules resolve nothing.
+        """
+        box = self.surface.box
+        places = self.points.places if places is None else places
+        found: dict[str, float] = {}
+        for axis, name in enumerate(box.names):
+            values = np.unique(np.concatenate([[0.0, 1.0], places[:, axis]]))
+            gap = float(np.max(np.diff(values)))
+            if axis == self.surface.angle:
+                middle = np.linspace(0, 1, 512)
+                ends = np.zeros((2, 512, box.dimension))
+                ends[0, :, axis], ends[1, :, axis] = np.clip([middle - gap / 2, middle + gap / 2], 0, 1)
+                low, high = (np.degrees(np.arccos(np.clip(box.physical(end)[1], 0, 1))) for end in ends)
+                gap = float(np.max(np.abs(low - high)))
+            elif box.periodic[axis]:
+                gap *= 360.0
+            found[name] = gap
+        if box.dimension > 1:
+            found["cell"] = float(min(1.0, 2.5 * len(places) ** (-1 / box.dimension)))
+        return found

@@ -1,0 +1,117 @@
+"""The albedo of a family as a function on the unit cube of its parameters and angles: quick, accurate, and beside a place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from brdfcheck.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.verdict.box import Box
+from brdfcheck.verdict.climb import Function
+
+# The accuracy asked of a function that rounds, in roundings: in single precision no integral gets better.
+_ROUNDINGS = 100
+# How many places are kept at which the albedo is not a number, and the accuracy at which they are asked again.
+_LOST, _ASKED_AGAIN = 6, 1e-5
+
+Watch = Callable[[int, float], None]
+"""Called with the points looked at so far and the largest albedo seen: for progress."""
+
+
+class Surface:
+    """The albedo over the cube `box`. Values come with how far each may be off; `count` says how many were asked for.
+
+    `rtol` is the accuracy of a verdict (None: the best of the engine), `theorem` that light along the normal is the worst.
+    """
+
+    def __init__(self, albedo: PointwiseAlbedo, rtol: float | None, watch: Watch):
+        family = albedo.family
+        self.albedo, self._watch = albedo, watch
+        self.theorem = albedo.monotone and family.cos_theta[1] == 1
+        # A function may turn out to be anisotropic in a place where it was not asked: scans look at all azimuths.
+        self.box = Box(family.ranges, family.cos_theta, turning=not albedo.fast, fixed_angle=self.theorem)
+        self.rtol = rtol if rtol is not None or albedo.fast else max(1e-9, _ROUNDINGS * albedo.epsilon)
+        self.count = 0
+        self._lost: list[np.ndarray] = []
+
+    @property
+    def fast(self) -> bool:
+        """True for engines 1 and 2."""
+        return self.albedo.fast
+
+    @property
+    def finest(self) -> int:
+        """The finest level of `estimate`."""
+        return self.albedo.levels - 1
+
+    @property
+    def angle(self) -> int | None:
+        """Which axis is the angle of incidence."""
+        return len(self.box.swept) if self.box.has_angle else None
+
+    @property
+    def grazes(self) -> bool:
+        """True where light may graze a function's surface: what happens there is a limit."""
+        return self.box.has_angle and self.box.cosines[0] == 0 and not self.fast
+
+    def estimate(self, level: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By the rule of a level. What is not a number is nothing to climb to."""
+        self.count += len(places)
+        with np.errstate(all="ignore"):
+            value, error = self.albedo.estimate(*self.box.physical(places), level)
+        unknown = np.isnan(value)
+        if len(self._lost) < _LOST:
+            self._lost += list(places[np.flatnonzero(unknown)[:: max(1, np.count_nonzero(unknown) // 3)]])
+        return np.where(unknown, -np.inf, value), np.where(unknown, 0, error)
+
+    def produce(self, places: np.ndarray, rtol: float | None, *, limit: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """At the accuracy of a verdict; at grazing incidence the limit, or for a function just before it."""
+        self.count += len(places)
+        with np.errstate(all="ignore"):
+            return self.albedo(*self._physical(places, limit), rtol=rtol)
+
+    def beside(self, place: np.ndarray, rtol: float | None, *, limit: bool = False) -> tuple[float, float, Function]:
+        """Value and error at a place, and the albedo near it as a smooth function that is as accurate."""
+        if self.fast or rtol is None:
+            value, error = self.produce(place[None], rtol, limit=limit)
+            return float(value[0]), float(error[0]), lambda places: self.produce(places, rtol, limit=limit)
+        self.count += 1
+        parameters, mu, azimuth = self._physical(place[None], limit)
+        with np.errstate(all="ignore"):
+            frozen = self.albedo.frozen(parameters[0], float(mu[0]), float(azimuth[0]), rtol)
+
+        def near(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            self.count += len(places)
+            with np.errstate(all="ignore"):
+                return frozen(*self._physical(places, limit))
+
+        return frozen.value, frozen.error, near
+
+    def _physical(self, places: np.ndarray, limit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        parameters, mu, azimuth = self.box.physical(places)
+        return parameters, mu if limit or self.fast else np.maximum(mu, GRAZING), azimuth
+
+    def snapped(self, places: np.ndarray) -> np.ndarray:
+        """Places as they are asked: what is nearer to grazing than any light that is looked at, at grazing incidence."""
+        if not self.grazes:
+            return places
+        places = places.copy()
+        places[self.box.physical(places)[1] < GRAZING, self.angle] = 0
+        return places
+
+    def without_azimuth(self) -> None:
+        """From now on without an axis for the azimuth."""
+        self.box = Box(self.box.ranges, self.box.cosines, turning=False)
+
+    def unknown(self) -> bool:
+        """True where the albedo is not a number at more than single angles, beside which it is one."""
+        if not self._lost:
+            return False
+        # Some were seen before the azimuth was known not to matter.
+        places = np.array([place[: self.box.dimension] for place in self._lost[:_LOST]])
+        return bool(np.any(np.isnan(self.produce(places, _ASKED_AGAIN)[0])))
+
+    def tell(self, best: float) -> None:
+        """Report how far the search is."""
+        self._watch(self.count, best)
