@@ -25,8 +25,8 @@ _FINEST = 6
 # up, how far the rule of one place is taken to serve, and how many such rules there may be.
 _UNFINISHED, _TIGHTENED = 10, 32
 _REACH, _RULES = 3e-3, 12
-# How often a climb begins again where it was misled, and from what error on it does not.
-_STALE, _ROUGH = 2, 1e-8
+# How often a climb begins again where it was misled; an albedo that is known no better than this is not climbed from.
+_STALE, _ROUGH = 2, 1e-6
 # How near (in the unit cube) a limit is to another one that speaks for it.
 _SAME = 2e-3
 # How far from its end the angle is looked at once more where a place lies there.
@@ -69,7 +69,7 @@ class Confirmation:
         if self.unbounded is not None or not np.any(np.isfinite(value)):
             return
         # Where the rule does not reach its accuracy (edges, jumps), a climb by it says nothing.
-        worth = np.flatnonzero((error < 1e-4) & (value + 3 * error > max(np.nanmax(value), self.winners.best - 1e-6) - 1e-6))
+        worth = np.flatnonzero((error < _ROUGH) & (value + 3 * error > max(np.nanmax(value), self.winners.best - 1e-6) - 1e-6))
         worth = worth[np.argsort(-value[worth])][:2]
         for index in worth:
             # On a kink that runs across the axes no small stencil sees where it rises: there the climb's own gap is kept.
@@ -165,7 +165,7 @@ class Confirmation:
             self._add(end[None], np.array([fresh]), np.array([bar]), asked, **left)
             if fresh >= value:
                 place, value, error = end, fresh, bar
-            if not rises and not (stale and turn < _STALE and error < _ROUGH):
+            if not rises and not (stale and turn < _STALE):
                 break
             radius = float(np.clip(10 * ends.radii[0], 1e-5, 1e-3)) / (10 if stale else 1)
         if held and not limit and np.isfinite(value):
@@ -214,7 +214,8 @@ class Confirmation:
             early = [i for i in winners.open() if not (winners.climbed[i] and winners.asked[i] <= (self.surface.rtol or 0))]
             if not winners.climbed[winners.top]:
                 early.insert(0, winners.top)
-            if not early or winners.errors[early[0]] > 1e-4:
+            early = [i for i in early if winners.errors[i] < _ROUGH]
+            if not early:
                 return
             winners.asked[early[0]] = self.surface.rtol or 0
             self._polish(winners.places[early[0]], None, _ARM)
@@ -225,9 +226,11 @@ class Confirmation:
         rtol, winners = self.surface.rtol, self.winners
         if self.surface.fast or self.unbounded is not None or rtol is None:
             return
-        for accuracy, most in ((max(RUNGS[-1], rtol), _TIGHTENED), (rtol, _FINEST)):
-            if not np.any(winners.finite):
-                return
+        if not np.any(winners.finite):
+            return
+        # Where the winner has few digits, the others need no more.
+        rough = max(rtol, winners.errors[winners.top] / 3)
+        for accuracy, most in ((max(RUNGS[-1], rtol), _TIGHTENED), (rough, _FINEST)):
             loose = winners.loose(accuracy)[:most]
             if loose.size:
                 some = winners.places[loose]

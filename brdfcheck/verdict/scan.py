@@ -16,7 +16,7 @@ _COSINES = 513
 # Into how many parts the angles are divided, each with its share of the starts.
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many at the end by the third.
-_SECOND, _THIRD, _LAST = 512, 64, 1024
+_SECOND, _THIRD, _LAST = 512, 64, 512
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
 # Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned.
