@@ -223,12 +223,15 @@ def _range(random: Generator) -> _Range:
 def _highest(function: Callable[[np.ndarray], Any], span: _Range) -> tuple[float, float]:
     """(place, value) of the largest value on a range of something that a grid of 4001 resolves."""
     grid = np.array([span.at(unit) for unit in np.linspace(0, 1, 4001)])
-    best = int(np.argmax(function(grid)))
-    around = (grid[max(best - 1, 0)], grid[min(best + 1, 4000)])
-    lowest = minimize_scalar(
-        lambda p: -float(function(np.asarray(p))), bounds=around, method="bounded", options={"xatol": 1e-12}
-    )
-    places = [float(lowest.x), *around, float(grid[best])]  # pyright: ignore[reportAttributeAccessIssue]
+    height = np.pad(np.asarray(function(grid), float), 1, constant_values=-np.inf)
+    crests = np.flatnonzero((height[1:-1] >= height[:-2]) & (height[1:-1] >= height[2:]))
+    places = [float(grid[crest]) for crest in crests]
+    for crest in crests[np.argsort(-height[1:-1][crests])][:12]:
+        around = (grid[max(crest - 1, 0)], grid[min(crest + 1, 4000)])
+        lowest = minimize_scalar(
+            lambda p: -float(function(np.asarray(p))), bounds=around, method="bounded", options={"xatol": 1e-12}
+        )
+        places += [float(lowest.x), *around]  # pyright: ignore[reportAttributeAccessIssue]
     place = max(places, key=lambda p: float(function(np.asarray(p))))
     return place, float(function(np.asarray(place)))
 

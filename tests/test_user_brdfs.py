@@ -7,7 +7,6 @@ import importlib.util
 import json
 import math
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -22,7 +21,7 @@ import brdfcheck
 from brdfcheck import studies
 
 ROOT = Path(brdfcheck.__file__).parent.parent
-STUDY = replace(studies._described(ROOT / "studies" / "_user_brdfs.py"), name="user_brdfs")
+STUDY = studies.find()["user_brdfs"]
 
 
 @pytest.fixture(autouse=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
 from brdfcheck.verdict.surface import Surface
@@ -19,6 +20,8 @@ _SHARES = 8
 _SECOND, _THIRD, _LAST = 512, 64, 512
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
+# How many points that stand out are looked at again at the angles of the winner.
+_ECHOES = 96
 # Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned.
 _TURNED = 1e-7
 
@@ -61,10 +64,11 @@ class Scan:
         """What the largest albedo is at least, by the scans."""
         return float(np.max(self.points.values - self.points.errors, initial=-np.inf))
 
-    def again(self, turn: int, best: float) -> Points:
-        """Another scan, disjoint from those before: evenly, and where the surface may rise above the best seen."""
+    def again(self, turn: int, best: float, winner: np.ndarray) -> Points:
+        """Another scan, disjoint from those before: evenly, where the surface may rise above the best seen, and echoes."""
         places = [self.surface.box.scan(self._count // 4, (turn + 1) * self._count, self._cosines)]
-        fresh = self.look(np.concatenate([*places, self._near(self._count // 8, turn)]), best)
+        places += [self._near(self._count // 8, turn), self._echoes(winner)]
+        fresh = self.look(np.concatenate(places), best)
         self.points = self.points.joined(fresh)
         return fresh
 
@@ -184,6 +188,42 @@ class Scan:
         reach = np.maximum(distance[centres, -1], 1e-4)[:, None]
         moved = [points.places[top[centres]] + reach * random.normal(0, 0.5, (len(centres), dimension)) for _ in range(3)]
         return box.kept(np.concatenate(moved))
+
+    def _echoes(self, winner: np.ndarray) -> np.ndarray:
+        """The parameters of points that stand out from their neighbours, at the angles of the winner.
+
+        A narrow violation is met by few points, most of them at angles at which the albedo is lower throughout.
+        """
+        points, box, angle = self.points, self.surface.box, self.surface.angle
+        swept, dimension = len(box.swept), box.dimension
+        good = np.flatnonzero(np.isfinite(points.values))
+        neighbours = 2 * dimension + 4
+        if not swept or angle is None or len(good) < 4 * neighbours:
+            return np.zeros((0, dimension))
+        places, values = points.places[good], points.values[good]
+        _, index = KDTree(places).query(places, k=neighbours + 1)
+        # What a plane through the neighbours says of a point; shrunk a little, for neighbours that lie on a line.
+        others = values[index[:, 1:]]
+        offset = places[index[:, 1:]] - places[:, None]
+        middle = offset.mean(axis=1, keepdims=True)
+        spread = np.einsum("pki,pkj->pij", offset - middle, offset - middle)
+        spread += 1e-3 * np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(dimension) + 1e-300 * np.eye(dimension)
+        lever = np.einsum("pki,pk->pi", offset - middle, others - others.mean(axis=1, keepdims=True))
+        slope = np.linalg.solve(spread, lever[..., None])[..., 0]
+        plane = others.mean(axis=1) - np.einsum("pi,pi->p", slope, middle[:, 0])
+        excess = (values - np.maximum(plane, np.median(others, axis=1))) / np.maximum(np.abs(values), 1e-300)
+        # Those that are high for their angle, too.
+        order = np.argsort(places[:, angle], kind="stable")
+        window = max(len(order) // 64, 8)
+        usual = np.empty(len(order))
+        usual[order] = uniform_filter1d(values[order], 2 * window + 1, mode="nearest")
+        high = values - usual
+        chosen = np.unique(np.concatenate([np.argsort(-excess)[:_ECHOES], np.argsort(-high)[: _ECHOES // 2]]))
+        echoes = np.repeat(places[chosen][None], 2, axis=0)
+        echoes[:, :, angle] = winner[angle]
+        if box.turning:  # at their own azimuth, and at the winner's
+            echoes[1, :, -1] = winner[-1]
+        return echoes[: 2 if box.turning else 1].reshape(-1, dimension)
 
     def width(self, places: np.ndarray | None) -> dict[str, float]:
         """The widest region that scans may have missed: the largest gaps between points, axis by axis and in all.

@@ -133,7 +133,7 @@ class _Search:
         settled = False
         for turn in range(_AGAIN):
             before = winners.best
-            fresh = scan.again(turn, before)
+            fresh = scan.again(turn, before, winners.places[winners.top] if len(winners) else scan.points.places[0])
             self.tell()
             self.ascend(fresh, _STARTS // 4)
             if winners.best > before:

@@ -7,11 +7,11 @@ import numpy as np
 from brdfcheck.verdict.box import Box
 
 # How near (in the unit cube) a place is to another one that speaks for it, to one that was climbed to, and to itself.
-_AROUND, _SAME, _EQUAL = 0.05, 2e-3, 1e-7
+_AROUND, _SAME, _EQUAL = 0.05, 2e-3, 1e-13
 # What is this much lower than the best (relative to it) is not asked how much higher its climb might have gone.
 _CLOSE = 1e-2
-# A climb that was not finished may go this many times as high as the model of its last steps says.
-_UNFINISHED = 100
+# A climb that was not finished may go this many times as high as the model of its last steps says, and by this at least.
+_UNFINISHED, _MARGIN = 10, 1e-5
 
 
 class Winners:
@@ -106,6 +106,12 @@ class Winners:
         Around the winner it is the winner's own climb that tells.
         """
         away = self.box.distance(self.places, self.places[self.top]) > _AROUND
+        # So it is around others that were climbed from with all digits and are as high.
+        for index in np.flatnonzero(self.climbed & (self.asked <= np.min(self.asked))):
+            near = self.box.distance(self.places, self.places[index]) < _SAME
+            near &= self.values <= self.values[index] + self.errors[index]
+            near[index] = False
+            away &= ~(near & (self.asked > self.asked[index]))
         away[self.top] = True
         close = self.values > self.best - _CLOSE * max(1, abs(self.best))
         return np.where(self.finite, self.values + self.errors + np.where(away & close, self.gaps, 0), -np.inf)
@@ -123,7 +129,7 @@ class Winners:
     def unsettled(self, line: float) -> bool:
         """True where a climb was not finished that might yet go above the line."""
         open_ = self.open()
-        might = self.values + self.errors + np.maximum(_UNFINISHED * self.gaps, _CLOSE)
+        might = self.values + self.errors + np.maximum(_UNFINISHED * self.gaps, _MARGIN)
         return bool(np.any(~self.settled[open_] & (might[open_] > line)))
 
     def loose(self, rtol: float) -> np.ndarray:

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """How long does `check` take for BRDFs as users write them, and does brute force ever find a larger albedo?
 
-Command: ``python studies/_user_brdfs.py`` (no report of it is kept yet). For an older version's times, give the folder of
-its checkout in the environment variable BRDFCHECK_BASELINE, or as ``python studies/_user_brdfs.py --baseline FOLDER``.
+Command: ``brdfcheck study user_brdfs``. For an older version's times, give the folder of its checkout in the environment
+variable BRDFCHECK_BASELINE, or as ``python studies/user_brdfs.py --baseline FOLDER``.
 
 Answer: brute force sees an albedo above 1 for 10 of the 14 families; `check` is not timed yet.
 
@@ -55,6 +55,7 @@ def run(size: str = "full") -> dict[str, Any]:
         ratio = answers["before"]["seconds"] / answers["now"]["seconds"] if baseline else None
         results.append({"name": name, **about, **answers, "scan": dataclasses.asdict(found), "ratio": ratio, "flags": flags})
     summary = {"families": len(results), "flagged": [row["name"] for row in results if row["flags"]["now"]]}
+    summary["baseline_seconds"] = sum(row["before"]["seconds"] for row in results) if baseline else 0.0
     if baseline:
         told = {key: [row["name"] for row in results if row["flags"].get(key)] for key in ("before", "both")}
         ratio = statistics.median(row["ratio"] for row in results)
