@@ -57,9 +57,10 @@ class Supremum:
     `value` +- `error` is the largest albedo, `parameters`, `cos_theta` and `azimuth` (radians) say where; `least` is what it
     is at least. `above` are the intervals of the single parameter in which some angle exceeds `threshold` (None where they
     were not looked for). `basis`: "theorem" where the angle needed no search, else "search". `points` were scanned, `climbs`
-    begun; `settled` says that the climbs ended and a second scan found nothing higher. `width`: the widest region that the
-    scan may have missed: by parameter, as a part of its range, "angle" in degrees and "cell" in all at once. `unbounded`
-    says where the albedo grows without bound (value and error are then infinite), `channel` which channel is the largest.
+    begun; `settled` says that the last scan found nothing higher, and that no climb was left unfinished that might yet cross
+    the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle" in degrees
+    and "cell" in all at once. `unbounded` says where the albedo grows without bound (value and error are then infinite),
+    `channel` which channel is the largest.
     """
 
     value: float
