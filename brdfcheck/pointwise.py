@@ -300,6 +300,11 @@ class Frozen:
         value, error, _ = worst_channel(every, bars)
         self.value, self.error = float(value[0]), float(error[0])
 
+    @property
+    def size(self) -> int:
+        """How many nodes the largest of its rules has."""
+        return max(mesh.size for mesh in self._meshes.values())
+
     def __call__(self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = parameters, cos_theta, azimuth
         if np.all(cos_theta == 0):

@@ -15,6 +15,8 @@ from brdfcheck.family import Family
 from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Phong
 from brdfcheck.microfacet import CookTorrance
 from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.verdict import Verdict, judge
+from brdfcheck.verdict.climb import climb
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, supremum
 
 Surface = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -34,6 +36,7 @@ class Beside(NamedTuple):
     value: float
     error: float
     surface: PointwiseAlbedo
+    size: int = 0
 
     def __call__(self, parameters, cos_theta, azimuth):
         return self.surface(parameters, cos_theta, azimuth)
@@ -476,3 +479,37 @@ def test_a_flat_surface():
     found = supremum(Planted(lambda p, mu, _: np.full(len(mu), 0.75), {"a": (0.0, 1.0)}))
     assert found.value == 0.75
     assert found.error == pytest.approx(1e-14)
+
+
+@pytest.mark.parametrize("function", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_narrow_violation_that_shows_at_few_angles(seed: int, function: bool):
+    """A bump 1 % by 20 % of two parameters wide, beside one without effect; the albedo falls with the angle, to 3 %."""
+    random = np.random.default_rng(seed)
+    a, b = random.uniform(0.1, 0.9, 2)
+
+    def surface(parameters, mu, _):
+        bump = np.maximum(1 - ((parameters[:, 0] - a) / 0.005) ** 2, 0) * np.maximum(1 - ((parameters[:, 1] - b) / 0.1) ** 2, 0)
+        return (0.9 + 0.1000001 * bump) * (0.03 + 0.97 * mu**2)
+
+    ranges = {"a": (0.0, 1.0), "b": (0.0, 1.0), "idle": (0.0, 1.0)}
+    found = supremum(Planted(surface, ranges, function=function, coarse=1e-3))
+    assert found.value == pytest.approx(1.0000001, abs=1e-9)
+
+
+def test_a_climb_that_was_not_finished_does_not_conserve(monkeypatch: pytest.MonkeyPatch):
+    """With rounds for a few steps only, up a bent ridge that ends beyond the line."""
+
+    def surface(parameters, mu, _):
+        x, y = parameters.T
+        return 1.00001 - 0.02 * (1 - x) ** 2 - 40 * (y - 0.3 * np.sin(3 * x)) ** 2 + 0 * mu
+
+    planted = Planted(surface, {"x": (0.0, 1.0), "y": (-1.0, 1.0)}, (1.0, 1.0), function=True)
+    whole = supremum(planted, effort="quick")
+    assert whole.value + whole.error >= 1.00001 - 1e-9
+    assert whole.least > 1
+    for module in ("brdfcheck.verdict.supremum.climb", "brdfcheck.verdict.confirm.climb"):
+        monkeypatch.setattr(module, lambda *given, **options: climb(*given, **{**options, "rounds": 1}))
+    cut = supremum(planted, effort="quick")
+    verdict = judge(cut.value, cut.error, least=cut.least, settled=cut.settled)
+    assert verdict is not Verdict.CONSERVES

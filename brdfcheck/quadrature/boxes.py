@@ -217,7 +217,8 @@ class Mesh:
         low, size, patch = (column.copy() for column in self._boxes)
         for number, (old, new) in enumerate(zip(self._corners, _corners(*_angle(cosine)), strict=True)):
             mine = patch[:, 5] == number
-            core, moved = min(old.reach, _LONGEST), min(new.reach, _LONGEST)
+            core = min(old.reach, _LONGEST)
+            moved = new.reach if core == old.reach else min(new.reach, core)  # without boxes beyond the core it is all there is
             if old.reach <= 0 or not np.any(mine):
                 continue
             plain = mine & (patch[:, 4] == 0)

@@ -2,6 +2,7 @@ r"""The limit of an albedo at grazing incidence, from its values at decades of t
 
 Towards grazing, albedos behave like a + b mu^p, or they grow without bound like mu^-p or -log(mu). On decades the differences
 of a + b mu^p have the constant ratio q = 10^-p: Aitken's extrapolation is exact for any p, square roots and tenth powers too.
+Done twice it takes the next power along, mu beside a square root.
 Where q does not stay below 1 the values are followed to cosines so small that no guard of the form max(mu, 1e-12) holds them.
 """
 
@@ -69,16 +70,27 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
     if not np.all(told[-3:]):
         return last, error + 10 * abs(steps[-1])
     ratios = steps[1:] / steps[:-1]
-    q = ratios[-1]
-    if q <= 0 or ratios[-2] <= 0:  # it wobbles
+    if ratios[-1] <= 0 or ratios[-2] <= 0:  # it wobbles
         return last, error + float(np.max(np.abs(steps[-3:])))
-    if q >= _SLOWEST:
+    if ratios[-1] >= _SLOWEST:
         return (np.inf, np.inf) if steps[-1] > 0 else (last, np.inf)
-    limit = last + steps[-1] * q / (1 - q)
-    earlier = ratios[-2]
-    other = values[-2] + steps[-2] * earlier / (1 - earlier) if earlier < 1 else np.inf
-    amplified = error * (1 + 2 * (q / (1 - q)) ** 2 + 2 / (1 - q))
-    return limit, amplified + 1.4 * abs(limit - other)
+    once, once_errors = _aitken(values, errors)
+    limit, bar = once[-1], once_errors[-1] + 1.4 * abs(once[-1] - once[-2])
+    # What is left is the next power of the cosine; where it is seen, it goes the same way.
+    twice, twice_errors = _aitken(once, once_errors)
+    again = twice_errors[-1] + 1.4 * abs(twice[-1] - twice[-2])
+    return (twice[-1], again) if again < bar else (limit, bar)
+
+
+def _aitken(values: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Aitken's extrapolation of each three successive values, and what the errors make of it; inf where it says nothing."""
+    steps, noise = np.diff(values), errors[1:] + errors[:-1]
+    with np.errstate(all="ignore"):
+        q = steps[1:] / steps[:-1]
+        limits = values[2:] + steps[1:] * q / (1 - q)
+        amplified = errors[2:] * (1 + 2 * (q / (1 - q)) ** 2 + 2 / (1 - q))
+        known = (q > 0) & (q < _SLOWEST) & (np.abs(steps[1:]) > 4 * noise[1:]) & np.isfinite(limits)
+    return np.where(known, limits, values[2:]), np.where(known, amplified, np.inf)
 
 
 def _goes_on(ladder: np.ndarray, values: np.ndarray, errors: np.ndarray) -> bool:

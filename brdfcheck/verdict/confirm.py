@@ -122,17 +122,17 @@ class Confirmation:
         At the ends of the angle the boxes of that rule are others than just inside: there the angle is held, and looked at by
         itself. `hidden`: what the surface is known to hide from a climb.
         """
-        surface, angle = self.surface, self.surface.angle
+        surface, angle = self.surface, self.surface.angle or 0
+        rtol = surface.rtol_of_limits if limit else surface.rtol
         _, mu, _ = surface.box.physical(place[None])
-        held = angle is not None and bool(mu[0] == 1 or mu[0] <= GRAZING)
+        held = surface.box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
         inner = Box(surface.box.ranges, (1.0, 1.0), turning=surface.box.turning) if held else surface.box
         if held and mixed is not None:
             mixed = np.delete(np.delete(mixed, angle, axis=0), angle, axis=1)
-        value, error, asked = self._asked(place, limit)
-        self._add(place[None], np.array([value]), np.array([error]), asked, climbed=True, limit=limit)
+        value, error, near = surface.beside(place, rtol, limit=limit)
+        self._add(place[None], np.array([value]), np.array([error]), rtol, climbed=True, limit=limit)
         for turn in range(_RULES if np.isfinite(value) and inner.dimension else 0):
-            # How a surface slopes is told well enough by a rule that is less accurate than its values must be.
-            start, _, near = surface.beside(place, max(RUNGS[-1], surface.rtol or 0), limit=limit)
+            start = float(near(place[None])[0][0])
 
             def function(rest: np.ndarray, near=near, place=place) -> tuple[np.ndarray, np.ndarray]:
                 return near(np.insert(rest, angle, place[angle], axis=1) if held else rest)
@@ -161,19 +161,23 @@ class Confirmation:
                 gap, done = max(gap, (fresh - value) / moved), True
             if stale:  # the rule of one place does not serve at the other
                 gap = max(gap, promised - (fresh - value))
+            last = turn == _RULES - 1 or not (rises or (stale and turn < _STALE))
+            if not last:  # what the next climb leaves is what counts
+                gap, done = 0.0, True
             left = {"gaps": gap, "settled": done, "climbed": True, "limit": limit}
             self._add(end[None], np.array([fresh]), np.array([bar]), asked, **left)
             if fresh >= value:
                 place, value, error = end, fresh, bar
-            if not rises and not (stale and turn < _STALE):
+            if last:
                 break
+            _, _, near = surface.beside(place, rtol, limit=limit)
             radius = float(np.clip(10 * ends.radii[0], 1e-5, 1e-3)) / (10 if stale else 1)
         if held and not limit and np.isfinite(value):
             self._inwards(place, value, error)
 
     def _asked(self, place: np.ndarray, limit: bool) -> tuple[float, float, float | None]:
         """The albedo of a place at the accuracy of a verdict, where it is not known yet; and that accuracy."""
-        rtol, winners = self.surface.rtol, self.winners
+        rtol, winners = self.surface.rtol_of_limits if limit else self.surface.rtol, self.winners
         index = winners.find(place, limit)
         if index is None or winners.asked[index] > (rtol or 0):
             value, error = self.surface.produce(place[None], rtol, limit=limit)
@@ -230,7 +234,7 @@ class Confirmation:
             return
         # Where the winner has few digits, the others need no more.
         rough = max(rtol, winners.errors[winners.top] / 3)
-        for accuracy, most in ((max(RUNGS[-1], rtol), _TIGHTENED), (rough, _FINEST)):
+        for accuracy, most in ((max(RUNGS[-1], rtol), _TIGHTENED), (rough, 2 * _FINEST)):
             loose = winners.loose(accuracy)[:most]
             if loose.size:
                 some = winners.places[loose]
@@ -273,7 +277,7 @@ class Confirmation:
         if not len(places):
             return
         before, _ = surface.produce(places, RUNGS[-1])
-        accuracy = RUNGS[0] if self.hard else max(surface.rtol or 0, 1e-9)
+        accuracy = RUNGS[0] if self.hard else surface.rtol_of_limits
         value, error = surface.produce(places, accuracy, limit=True)
         self._add(places, value, error, accuracy, limit=True)
         finite = np.isfinite(value)

@@ -10,8 +10,8 @@ from scipy.spatial import KDTree
 
 from brdfcheck.verdict.surface import Surface
 
-# Points of the first scan for no, one, two, and more swept parameters.
-_POINTS = (4096, 8192, 8192, 9216)
+# Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
+_POINTS = (2048, 4096, 8192, 9216)
 # Values of the cosine in a scan of a function.
 _COSINES = 513
 # Into how many parts the angles are divided, each with its share of the starts.
@@ -51,7 +51,7 @@ class Scan:
     def __init__(self, surface: Surface, scale: float):
         self.surface, self.scale = surface, scale
         swept = len(surface.box.swept)
-        self._count = int(_POINTS[min(swept, 3)] * scale)
+        self._count = int(_POINTS[min(swept + surface.albedo.anisotropic, 3)] * scale)
         if surface.fast:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
@@ -201,7 +201,7 @@ class Scan:
         if not swept or angle is None or len(good) < 4 * neighbours:
             return np.zeros((0, dimension))
         places, values = points.places[good], points.values[good]
-        _, index = KDTree(places).query(places, k=neighbours + 1)
+        index = np.asarray(KDTree(places).query(places, k=neighbours + 1)[1])
         # What a plane through the neighbours says of a point; shrunk a little, for neighbours that lie on a line.
         others = values[index[:, 1:]]
         offset = places[index[:, 1:]] - places[:, None]

@@ -37,7 +37,7 @@ _STARTS = 40
 # Scans after the first one, at most.
 _AGAIN = 4
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
-_LINE, _RIVALS = 769, 24
+_LINE, _RIVALS = 513, 24
 # How many scanned points are confirmed at a time, and of a BRDF with jumps.
 _CONFIRMED, _CONFIRMED_JUMPS = 16, 4
 # Parameters at which all decades towards grazing are looked at, besides the corners.

@@ -12,6 +12,11 @@ from brdfcheck.verdict.climb import Function
 
 # The accuracy asked of a function that rounds, in roundings: in single precision no integral gets better.
 _ROUNDINGS = 100
+# The accuracy from which limits are extrapolated.
+_LIMITS = 2e-11
+# How many nodes a rule near a place may have, and the accuracy at which it has fewer. How a surface slopes is told well
+# enough by a rule that is less accurate than its values must be.
+_DEAR, _CHEAPER = 120_000, 1e-7
 # How many places are kept at which the albedo is not a number, and the accuracy at which they are asked again.
 _LOST, _ASKED_AGAIN = 6, 1e-5
 
@@ -32,6 +37,8 @@ class Surface:
         # A function may turn out to be anisotropic in a place where it was not asked: scans look at all azimuths.
         self.box = Box(family.ranges, family.cos_theta, turning=not albedo.fast, fixed_angle=self.theorem)
         self.rtol = rtol if rtol is not None or albedo.fast else max(1e-9, _ROUNDINGS * albedo.epsilon)
+        # An extrapolation makes errors larger, and the limit of many a BRDF is 1.
+        self.rtol_of_limits = max(_LIMITS, _ROUNDINGS * albedo.epsilon) if rtol is None else rtol
         self.count = 0
         self._lost: list[np.ndarray] = []
 
@@ -72,7 +79,7 @@ class Surface:
             return self.albedo(*self._physical(places, limit), rtol=rtol)
 
     def beside(self, place: np.ndarray, rtol: float | None, *, limit: bool = False) -> tuple[float, float, Function]:
-        """Value and error at a place, and the albedo near it as a smooth function that is as accurate."""
+        """Value and error at a place, and the albedo near it as a smooth function, which is as accurate unless that is dear."""
         if self.fast or rtol is None:
             value, error = self.produce(place[None], rtol, limit=limit)
             return float(value[0]), float(error[0]), lambda places: self.produce(places, rtol, limit=limit)
@@ -80,13 +87,16 @@ class Surface:
         parameters, mu, azimuth = self._physical(place[None], limit)
         with np.errstate(all="ignore"):
             frozen = self.albedo.frozen(parameters[0], float(mu[0]), float(azimuth[0]), rtol)
+            value, error = frozen.value, frozen.error
+            if frozen.size > _DEAR and rtol < _CHEAPER:
+                frozen = self.albedo.frozen(parameters[0], float(mu[0]), float(azimuth[0]), _CHEAPER)
 
         def near(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             self.count += len(places)
             with np.errstate(all="ignore"):
                 return frozen(*self._physical(places, limit))
 
-        return frozen.value, frozen.error, near
+        return value, error, near
 
     def _physical(self, places: np.ndarray, limit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         parameters, mu, azimuth = self.box.physical(places)

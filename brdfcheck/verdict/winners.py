@@ -107,7 +107,8 @@ class Winners:
         """
         away = self.box.distance(self.places, self.places[self.top]) > _AROUND
         # So it is around others that were climbed from with all digits and are as high.
-        for index in np.flatnonzero(self.climbed & (self.asked <= np.min(self.asked))):
+        finest = np.min(self.asked[~self.limits], initial=np.inf)
+        for index in np.flatnonzero(self.climbed & (self.limits | (self.asked <= finest))):
             near = self.box.distance(self.places, self.places[index]) < _SAME
             near &= self.values <= self.values[index] + self.errors[index]
             near[index] = False

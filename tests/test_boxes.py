@@ -1,0 +1,113 @@
+"""The rule that an adaptive integral leaves: right at its own incidence, and moving smoothly with the light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck.family import Family
+from brdfcheck.lobes import Phong
+from brdfcheck.microfacet import CookTorrance
+from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.adaptive import integrate_hemisphere
+from brdfcheck.quadrature.boxes import Mesh
+
+COSINES = (1.0, 0.9, 0.71, 0.5, 0.1, 1e-3, 1e-7)
+
+
+def mesh_of(f: Callable[[np.ndarray], np.ndarray], cosine: float) -> Mesh:
+    return integrate_hemisphere(f, cosine, tolerance=1e-9).mesh
+
+
+def lobe(cosine: float, power: float) -> Callable[[np.ndarray], np.ndarray]:
+    mirror = np.array([-np.sqrt((1 - cosine) * (1 + cosine)), 0, cosine])
+    return lambda wo: (power + 2) / (2 * np.pi) * np.maximum(wo @ mirror, 0) ** power
+
+
+def summed(mesh: Mesh, cosine: float, power: float) -> float:
+    wo, weight = mesh(np.array([cosine]))
+    return float(lobe(cosine, power)(wo[0].T) @ weight[0])
+
+
+@pytest.mark.parametrize("cosine", COSINES)
+@pytest.mark.parametrize("power", [2.0, 60.0, 1e4])
+def test_at_its_own_incidence_it_gives_the_integral(cosine: float, power: float):
+    found = integrate_hemisphere(lobe(cosine, power), cosine, tolerance=1e-9)
+    assert found.mesh.size == found.mesh(np.array([cosine]))[1].size
+    assert found.mesh.near(np.array([cosine])).all()
+    assert summed(found.mesh, cosine, power) == pytest.approx(float(found.value), abs=1e-14)
+
+
+@pytest.mark.parametrize("cosine", COSINES[1:-1])
+def test_beside_it_the_sum_is_as_accurate(cosine: float):
+    mesh = mesh_of(lobe(cosine, 60.0), cosine)
+    for moved, power in ((cosine, 60.5), (1.003 * cosine, 60.0), (0.997 * cosine, 59.7)):
+        exact = integrate_hemisphere(lobe(moved, power), moved, tolerance=1e-9)
+        assert mesh.near(np.array([moved])).all()
+        assert abs(summed(mesh, moved, power) - float(exact.value)) <= 2 * float(exact.error)
+
+
+@pytest.mark.parametrize("cosine", COSINES[1:])
+def test_the_boxes_fill_the_hemisphere_wherever_they_move(cosine: float):
+    mesh = mesh_of(lobe(cosine, 60.0), cosine)
+    for moved in (0.8 * cosine, cosine, min(1.2 * cosine, (1 + cosine) / 2)):
+        if mesh.near(np.array([moved])).all():
+            wo, weight = mesh(np.array([moved]))
+            assert weight.sum() == pytest.approx(np.pi, rel=1e-9)
+            assert np.linalg.norm(wo, axis=1) == pytest.approx(1.0, abs=1e-12)
+            assert wo[:, 2].min() >= 0
+
+
+def test_it_moves_smoothly():
+    mesh = mesh_of(lobe(0.6, 60.0), 0.6)
+    cosines = 0.6 + 1e-4 * np.arange(-2, 3)
+    values = np.array([summed(mesh, cosine, 60.0) for cosine in cosines])
+    assert abs(np.diff(values, 4)[0]) < 1e-13  # an adaptive integral jumps by its error from one mesh to another
+
+
+def test_where_the_seeds_change_their_order_it_says_so():
+    # The light passes the circle at right angles to the mirror direction at 45 degrees; at the normal the seeds are one.
+    mesh = mesh_of(lobe(0.8, 60.0), 0.8)
+    assert mesh.near(np.array([0.75, 0.7, 0.8, 1.0])).tolist() == [True, False, True, False]
+
+
+def test_the_albedo_beside_a_place():
+    def build(n):
+        return lambda wi, wo: Phong(n)(wi, wo) * 0.9
+
+    albedo = PointwiseAlbedo(Family("phong", build, {"n": (1.0, 100.0)}))
+    assert albedo.evaluator is not None
+    for cosine in (1.0, 0.6, 1e-9):
+        frozen = albedo.frozen(np.array([30.0]), cosine, 0.3, 1e-9)
+        places = np.array([[30.0], [30.3]]), np.full(2, cosine), np.full(2, 0.3)
+        (value, error), (exact, bar) = frozen(*places), albedo(*places, rtol=1e-9)
+        assert np.all(np.abs(value - exact) <= error + 2 * bar)
+        assert frozen.value == pytest.approx(exact[0], abs=1e-14)
+        assert np.all(error < 1e-14)
+
+
+def test_the_limit_beside_a_place_is_that_of_all_its_cosines():
+    def build(n):
+        return lambda wi, wo: (0.5 + 0.1 * jnp.sqrt(wi[..., 2])) / jnp.pi * n + 0 * wo[..., 2]
+
+    albedo = PointwiseAlbedo(Family("root", build, {"n": (0.5, 1.0)}))
+    frozen = albedo.frozen(np.array([0.7]), 0.0, 0.0, 1e-9)
+    value, error = frozen(np.array([[0.7], [0.8]]), np.zeros(2), np.zeros(2))
+    assert np.all(np.abs(value - 0.5 * np.array([0.7, 0.8])) <= error + 1e-8)
+    assert np.all(error < 1e-6)
+
+
+def test_metal_at_grazing_incidence():
+    def build(m):
+        metal = CookTorrance(m, masking="smith-separable")
+        return lambda wi, wo: metal(wi, wo)
+
+    albedo = PointwiseAlbedo(Family("metal", build, {"m": (0.2, 1.0)}))
+    assert albedo.evaluator is not None
+    frozen = albedo.frozen(np.array([0.4]), 1e-4, 0.0, 1e-8)
+    place = np.array([[0.404]]), np.array([1.01e-4]), np.zeros(1)
+    exact, bar = albedo(*place, rtol=1e-8)
+    assert abs(frozen(*place)[0] - exact) <= 2 * bar
