@@ -299,7 +299,7 @@ def _defects(side: SideChecks, names: tuple[str, ...]) -> list[str]:
         found.append(f"negative: the smallest value seen is {side.minimum:.3g} / sr{_where(side.lowest, names, ' ')}")
     if side.nonfinite:
         what = "NaN everywhere" if np.isnan(side.minimum) else f"{side.nonfinite} of {side.pairs} values are NaN or Inf"
-        kind = f", {side.broken.value} " if side.broken is not None else ""
+        kind = " " if np.isnan(side.minimum) else f", {side.broken.value} " if side.broken is not None else ""
         found.append(f"not finite: {what}{kind}{_where(side.broken, names)}")
     return found
 

@@ -19,7 +19,7 @@ RUNGS = (1e-5, 1e-7)
 _HARD = 1e-3
 # How far off a quick rule may be for its climbs to say anything.
 _BLIND = 1e-3
-# How many places are asked by more than the first of these, and how many of two accuracies in all.
+# How many places are asked by more than the first of these.
 _FINEST = 6
 # How many climbs that were not finished are gone on with, and how many places are asked for more digits; on the last way
 # up, how far the rule of one place is taken to serve, and how many such rules there may be.
@@ -221,9 +221,8 @@ class Confirmation:
             early = [i for i in early if winners.errors[i] < _ROUGH]
             if not early:
                 return
-            winners.asked[early[0]] = self.surface.rtol or 0
+            winners.asked[early[0]] = self.surface.rtol or 0  # that it was tried
             self._polish(winners.places[early[0]], None, _ARM)
-            winners.climbed[early[0]], winners.settled[early[0]], winners.gaps[early[0]] = True, True, 0.0
 
     def tighten(self) -> None:
         """More digits for places that are as high as the winner only by their own error."""

@@ -131,7 +131,12 @@ class Winners:
         """True where a climb was not finished that might yet go above the line."""
         open_ = self.open()
         might = self.values + self.errors + np.maximum(_UNFINISHED * self.gaps, _MARGIN)
-        return bool(np.any(~self.settled[open_] & (might[open_] > line)))
+        if np.any(~self.settled[open_] & (might[open_] > line)):
+            return True
+        # What was not climbed from because it is not known well enough.
+        top = self.top
+        rough = self.box.dimension > 0 and np.any(self.finite) and not self.climbed[top]
+        return bool(rough and self.values[top] + _UNFINISHED * self.errors[top] > line)
 
     def loose(self, rtol: float) -> np.ndarray:
         """Indices of places that are as high as the winner only by their error, and were not asked with this accuracy."""

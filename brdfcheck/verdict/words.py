@@ -36,6 +36,8 @@ def albedo_text(report: Report, plus_minus: str = "+-") -> str:
 
 def place_text(report: Report, degree: str = " deg") -> str:
     """Where the albedo is largest: the parameters, the angle of incidence, and the azimuth where it matters."""
+    if "=" in (report.unbounded or ""):  # a pole has said where it is
+        return ""
     if math.isnan(report.cos_theta):
         return ""
     return " ".join(filter(None, (parameters_text(report), angles_text(report, degree))))
