@@ -21,9 +21,9 @@ _HARD = 1e-3
 _BLIND = 1e-3
 # How many places are asked by more than the first of these.
 _FINEST = 6
-# How many climbs that were not finished are gone on with, and how many places are asked for more digits; on the last way
-# up, how far the rule of one place is taken to serve, and how many such rules there may be.
-_UNFINISHED, _TIGHTENED = 10, 32
+# How many climbs that were not finished are gone on with, and after how many evaluations no more digits are asked for; on the
+# last way up, how far the rule of one place is taken to serve, and how many such rules there may be.
+_UNFINISHED, _TIGHTENED = 10, 25_000_000
 _REACH, _RULES = 3e-3, 12
 # How often a climb begins again where it was misled; an albedo that is known no better than this is not climbed from.
 _STALE, _ROUGH = 2, 1e-6
@@ -233,9 +233,12 @@ class Confirmation:
             return
         # Where the winner has few digits, the others need no more.
         rough = max(rtol, winners.errors[winners.top] / 3)
-        for accuracy, most in ((max(RUNGS[-1], rtol), _TIGHTENED), (rough, 2 * _FINEST)):
-            loose = winners.loose(accuracy)[:most]
-            if loose.size:
+        began = self.surface.albedo.evaluations
+        for accuracy in (max(RUNGS[-1], rtol), rough):
+            while self.surface.albedo.evaluations - began < _TIGHTENED:
+                loose = winners.loose(accuracy)[:8]
+                if not loose.size:
+                    break
                 some = winners.places[loose]
                 self._add(some, *self.surface.produce(some, accuracy), accuracy)
 

@@ -12,6 +12,8 @@ from brdfcheck.verdict.climb import Function
 
 # The accuracy asked of a function that rounds, in roundings: in single precision no integral gets better.
 _ROUNDINGS = 100
+# The accuracy of a verdict on a function: clearly below its tolerance, for many are made to reflect exactly 1.
+_VERDICT = 4e-10
 # The accuracy from which limits are extrapolated.
 _LIMITS = 2e-11
 # How many nodes a rule near a place may have, and the accuracy at which it has fewer. How a surface slopes is told well
@@ -36,7 +38,7 @@ class Surface:
         self.theorem = albedo.monotone and family.cos_theta[1] == 1
         # A function may turn out to be anisotropic in a place where it was not asked: scans look at all azimuths.
         self.box = Box(family.ranges, family.cos_theta, turning=not albedo.fast, fixed_angle=self.theorem)
-        self.rtol = rtol if rtol is not None or albedo.fast else max(1e-9, _ROUNDINGS * albedo.epsilon)
+        self.rtol = rtol if rtol is not None or albedo.fast else max(_VERDICT, _ROUNDINGS * albedo.epsilon)
         # An extrapolation makes errors larger, and the limit of many a BRDF is 1.
         self.rtol_of_limits = max(_LIMITS, _ROUNDINGS * albedo.epsilon) if rtol is None else rtol
         self.count = 0
