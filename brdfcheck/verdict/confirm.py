@@ -10,7 +10,7 @@ from brdfcheck.pointwise import GRAZING
 from brdfcheck.verdict.box import DECADES, Box
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.poles import SUSPICIOUS, pole
-from brdfcheck.verdict.surface import Surface
+from brdfcheck.verdict.surface import GRAZES, Surface
 from brdfcheck.verdict.winners import Winners
 
 RUNGS = (1e-5, 1e-7)
@@ -78,7 +78,7 @@ class Confirmation:
             self._polish(ends.places[index], ends.mixed[index], radius, hidden=hidden)
         if self.surface.grazes:
             places = np.concatenate([ends.places[worth], self.winners.places[-1:]])
-            self.limits(places[places[:, self.surface.angle] < 0.02])
+            self.limits(places[places[:, self.surface.angle] < GRAZES])
 
     def _resolved(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Albedos of some places, the more accurate the higher: what is clearly lower than the best needs no digits.
@@ -124,6 +124,7 @@ class Confirmation:
         """
         surface, angle = self.surface, self.surface.angle or 0
         rtol = surface.rtol_of_limits if limit else surface.rtol
+        assert rtol is not None
         _, mu, _ = surface.box.physical(place[None])
         held = surface.box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
         inner = Box(surface.box.ranges, (1.0, 1.0), turning=surface.box.turning) if held else surface.box
@@ -154,7 +155,7 @@ class Confirmation:
             done = bool(ends.settled[0] or ends.radii[0] < 1e-8) and not ends.kinked[0]
             gap = max(float(ends.gaps[0]) if np.isfinite(ends.gaps[0]) else 0.0, hidden)
             promised, moved = float(ends.values[0]) - start, float(surface.box.distance(end, place))
-            fresh, bar, asked = self._asked(end, limit)
+            fresh, bar, beside = surface.beside(end, rtol, limit=limit) if moved else (value, error, near)
             blur = error + bar + 1e-9 * max(1, abs(value))
             rises, stale = fresh - value > blur and moved > _REACH, promised - (fresh - value) > blur
             if moved > _REACH and not rises:  # along a ridge that hardly rises, which may go on to the other end of the box
@@ -165,24 +166,14 @@ class Confirmation:
             if not last:  # what the next climb leaves is what counts
                 gap, done = 0.0, True
             left = {"gaps": gap, "settled": done, "climbed": True, "limit": limit}
-            self._add(end[None], np.array([fresh]), np.array([bar]), asked, **left)
+            self._add(end[None], np.array([fresh]), np.array([bar]), rtol, **left)
             if fresh >= value:
-                place, value, error = end, fresh, bar
+                place, value, error, near = end, fresh, bar, beside
             if last:
                 break
-            _, _, near = surface.beside(place, rtol, limit=limit)
             radius = float(np.clip(10 * ends.radii[0], 1e-5, 1e-3)) / (10 if stale else 1)
         if held and not limit and np.isfinite(value):
             self._inwards(place, value, error)
-
-    def _asked(self, place: np.ndarray, limit: bool) -> tuple[float, float, float | None]:
-        """The albedo of a place at the accuracy of a verdict, where it is not known yet; and that accuracy."""
-        rtol, winners = self.surface.rtol_of_limits if limit else self.surface.rtol, self.winners
-        index = winners.find(place, limit)
-        if index is None or winners.asked[index] > (rtol or 0):
-            value, error = self.surface.produce(place[None], rtol, limit=limit)
-            return float(value[0]), float(error[0]), rtol
-        return float(winners.values[index]), float(winners.errors[index]), rtol
 
     def _inwards(self, place: np.ndarray, value: float, error: float) -> None:
         """Whether the surface rises from the end of the angle inwards, by the rule of a verdict; then it is climbed."""

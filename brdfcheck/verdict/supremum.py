@@ -22,14 +22,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
 from brdfcheck.verdict.scan import Points, Scan
-from brdfcheck.verdict.surface import Surface
+from brdfcheck.verdict.surface import GRAZES, Surface
 from brdfcheck.verdict.surface import Watch as Watch
-from brdfcheck.verdict.winners import Winners
+from brdfcheck.verdict.winners import AROUND, Winners
 
 EFFORTS = ("quick", "normal", "thorough")
 _SCALE = {"quick": 0.25, "normal": 1.0, "thorough": 4.0}
@@ -44,10 +44,6 @@ _CONFIRMED, _CONFIRMED_JUMPS = 16, 4
 _GRAZING_LIGHT = 64
 # By how much what is in doubt must exceed the best for the quick rules to count as blind.
 _BLIND = 1e-3
-# The coordinate of the angle below which light grazes.
-_GRAZING = 0.02
-# How near (in the unit cube) a place is to a climb that speaks for it.
-_AROUND = 0.05
 
 
 @dataclass(frozen=True)
@@ -261,7 +257,7 @@ class _Search:
         left = self.doubtful()
         blind = points.reach[left] > winners.best + _BLIND * max(1, abs(winners.best))
         if surface.angle is not None:  # grazing light is no spot: it has its limits
-            blind &= points.places[left, surface.angle] > _GRAZING
+            blind &= points.places[left, surface.angle] > GRAZES
         if np.count_nonzero(blind) > most:
             spread = self.scan.spread(4 * most)
             self.resolved = np.concatenate([points.places[left[:: max(1, len(left) // (2 * most))]], spread])
@@ -269,13 +265,12 @@ class _Search:
         if left.size:
             reach, best = points.reach, winners.best
             some = left[np.argsort(-reach[left])][:most]
-            before = len(winners)
             self.confirm.places(points.places[some])
             points.levels[some] = surface.finest + 1
-            fresh = slice(before, None)
+            found = np.array([winners.find(place, False) for place in points.places[some]], int)
             with np.errstate(all="ignore"):
-                kept = np.max((winners.values - winners.errors)[fresh] - best, initial=0.0)
-                self.kept = float(np.clip(np.nan_to_num(kept / max(np.max(reach[some]) - best, 1e-300), nan=1.0), 0, 1))
+                kept = ((winners.values - winners.errors)[found] - best) / np.maximum(reach[some] - best, 1e-300)
+            self.kept = float(np.clip(np.nan_to_num(np.max(kept), nan=1.0), 0, 1))
 
     def resolve(self, places: np.ndarray) -> None:
         """Look at places by the rule of a verdict, and climb from the best of them by it."""
@@ -308,7 +303,7 @@ class _Search:
 
     def doubtful(self) -> np.ndarray:
         """Indices of scanned points that may be higher than the winner by their own error, away from the winners."""
-        return self.scan.doubtful(self.winners.best, self.winners.leaders(1e-3), _AROUND)
+        return self.scan.doubtful(self.winners.best, self.winners.leaders(1e-3), AROUND)
 
     # --- the answer ---
 
@@ -326,9 +321,8 @@ class _Search:
             self.winner, whither = self.confirm.unbounded
             return self.at(self.winner, np.inf, np.inf, least=np.inf, settled=True, unbounded=whither, **common)
         if not np.any(winners.finite):
-            place = winners.places[0] if len(winners) else self.scan.points.places[0]
-            self.winner = place
-            return self.at(place, np.nan, np.inf, settled=False, **common)
+            self.winner = winners.places[0] if len(winners) else self.scan.points.places[0]
+            return self.at(self.winner, np.nan, np.inf, settled=False, **common)
         top = winners.top
         value, error, least = float(winners.values[top]), float(winners.errors[top]), winners.least
         self.winner = winners.places[top]
@@ -349,7 +343,7 @@ class _Search:
         channel, channels = None, 1
         if albedo.evaluator is None or (albedo.evaluator.channels or 1) > 1:
             with np.errstate(all="ignore"):
-                every, _ = albedo.channels(parameters, np.maximum(mu, 1e-9), azimuth, rtol=None if albedo.fast else 1e-5)
+                every, _ = albedo.channels(parameters, np.maximum(mu, GRAZING), azimuth, rtol=None if albedo.fast else 1e-5)
             if every.ndim > 1 and every.shape[1] > 1:
                 channel, channels = int(np.argmax(np.where(np.isnan(every[0]), -np.inf, every[0]))), every.shape[1]
         names = {name: float(number) for name, number in zip(self.surface.box.ranges, parameters[0], strict=True)}

@@ -10,6 +10,8 @@ from brdfcheck.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Function
 
+GRAZES = 0.02
+"""The coordinate of the angle below which light grazes."""
 # The accuracy asked of a function that rounds, in roundings: in single precision no integral gets better.
 _ROUNDINGS = 100
 # The accuracy of a verdict on a function: clearly below its tolerance, for many are made to reflect exactly 1.
@@ -80,25 +82,26 @@ class Surface:
         with np.errstate(all="ignore"):
             return self.albedo(*self._physical(places, limit), rtol=rtol)
 
-    def beside(self, place: np.ndarray, rtol: float | None, *, limit: bool = False) -> tuple[float, float, Function]:
-        """Value and error at a place, and the albedo near it as a smooth function, which is as accurate unless that is dear."""
-        if self.fast or rtol is None:
-            value, error = self.produce(place[None], rtol, limit=limit)
-            return float(value[0]), float(error[0]), lambda places: self.produce(places, rtol, limit=limit)
+    def beside(self, place: np.ndarray, rtol: float, *, limit: bool = False) -> tuple[float, float, Function]:
+        """Value and error at a place, and the albedo near it as a smooth function, which is as accurate unless that is dear.
+
+        Of functions only; the engines of lobes climb by the rule of a verdict.
+        """
         self.count += 1
         parameters, mu, azimuth = self._physical(place[None], limit)
+        point = parameters[0], float(mu[0]), float(azimuth[0])
         with np.errstate(all="ignore"):
-            frozen = self.albedo.frozen(parameters[0], float(mu[0]), float(azimuth[0]), rtol)
-            value, error = frozen.value, frozen.error
-            if frozen.size > _DEAR and rtol < _CHEAPER:
-                frozen = self.albedo.frozen(parameters[0], float(mu[0]), float(azimuth[0]), _CHEAPER)
+            exact = self.albedo.frozen(*point, rtol)
+        rule = exact if exact.size <= _DEAR or rtol >= _CHEAPER else None
 
         def near(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal rule
             self.count += len(places)
             with np.errstate(all="ignore"):
-                return frozen(*self._physical(places, limit))
+                rule = rule or self.albedo.frozen(*point, _CHEAPER)
+                return rule(*self._physical(places, limit))
 
-        return value, error, near
+        return exact.value, exact.error, near
 
     def _physical(self, places: np.ndarray, limit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         parameters, mu, azimuth = self.box.physical(places)

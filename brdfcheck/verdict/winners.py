@@ -6,8 +6,10 @@ import numpy as np
 
 from brdfcheck.verdict.box import Box
 
-# How near (in the unit cube) a place is to another one that speaks for it, to one that was climbed to, and to itself.
-_AROUND, _SAME, _EQUAL = 0.05, 2e-3, 1e-13
+AROUND = 0.05
+"""How near (in the unit cube) a place is to another one, that was climbed from and speaks for it."""
+# How near it is to one that was climbed to, and to itself.
+_SAME, _EQUAL = 2e-3, 1e-13
 # What is this much lower than the best (relative to it) is not asked how much higher its climb might have gone.
 _CLOSE = 1e-2
 # A climb that was not finished may go this many times as high as the model of its last steps says, and by this at least.
@@ -105,7 +107,7 @@ class Winners:
 
         Around the winner it is the winner's own climb that tells.
         """
-        away = self.box.distance(self.places, self.places[self.top]) > _AROUND
+        away = self.box.distance(self.places, self.places[self.top]) > AROUND
         # So it is around others that were climbed from with all digits and are as high.
         finest = np.min(self.asked[~self.limits], initial=np.inf)
         for index in np.flatnonzero(self.climbed & (self.limits | (self.asked <= finest))):
@@ -123,7 +125,7 @@ class Winners:
             return np.zeros(0, int)
         reach, top = self.reach(), self.top
         early = (reach > self.least) & (~self.settled | (self.gaps > self.errors))
-        early &= (self.box.distance(self.places, self.places[top]) > _AROUND) | (np.arange(len(self)) == top)
+        early &= (self.box.distance(self.places, self.places[top]) > AROUND) | (np.arange(len(self)) == top)
         indices = np.flatnonzero(early)
         return indices[np.argsort(-reach[indices])]
 
