@@ -4,8 +4,8 @@
 Command: ``brdfcheck study user_brdfs``. For an older version's times, give the folder of its checkout in the environment
 variable BRDFCHECK_BASELINE, or as ``python studies/user_brdfs.py --baseline FOLDER``.
 
-Answer: 4 to 17 seconds on two cores, 7 in the median, 1.3 times as fast as before in the median and 9 times at best; brute
-force finds no larger albedo in any of 14 families, before it did in one.
+Answer: 4 to 21 seconds on two cores, 8 in the median, 1.1 times as fast as before in the median, 8 times at best and 0.4 at
+worst; brute force finds no larger albedo in any of 14 families, before it did in one.
 
 Twelve kinds of BRDF in plain JAX or numpy (_instruments/user_families.py), two in two forms, over all their parameters. Each
 check is a process, timed from start to end on all cores: with an empty cache of compiled programs, and with what it leaves; the
