@@ -13,67 +13,67 @@ TYPE_CHECKING = False
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from brdfcheck import catalog as catalog
+    from brdfcheck.brdf import catalog as catalog
+    from brdfcheck.brdf.callables import Finding as Finding
+    from brdfcheck.brdf.factors import BlinnPhongExact as BlinnPhongExact
+    from brdfcheck.brdf.factors import Factor as Factor
+    from brdfcheck.brdf.factors import Normalized as Normalized
+    from brdfcheck.brdf.factors import PerCosine as PerCosine
+    from brdfcheck.brdf.factors import PhongExact as PhongExact
+    from brdfcheck.brdf.family import Family as Family
+    from brdfcheck.brdf.lobes import BinomialPower as BinomialPower
+    from brdfcheck.brdf.lobes import BlinnPhong as BlinnPhong
+    from brdfcheck.brdf.lobes import KuijkBlake as KuijkBlake
+    from brdfcheck.brdf.lobes import Lambert as Lambert
+    from brdfcheck.brdf.lobes import Lyon as Lyon
+    from brdfcheck.brdf.lobes import Phong as Phong
+    from brdfcheck.brdf.lobes import Schlick as Schlick
+    from brdfcheck.brdf.microfacet import GGX as GGX
+    from brdfcheck.brdf.microfacet import CookTorrance as CookTorrance
     from brdfcheck.budgets.measure import Budget as Budget
     from brdfcheck.budgets.measure import budget as budget
-    from brdfcheck.callables import Finding as Finding
-    from brdfcheck.directional import Albedo as Albedo
-    from brdfcheck.directional import albedo as albedo
-    from brdfcheck.factors import BlinnPhongExact as BlinnPhongExact
-    from brdfcheck.factors import Factor as Factor
-    from brdfcheck.factors import Normalized as Normalized
-    from brdfcheck.factors import PerCosine as PerCosine
-    from brdfcheck.factors import PhongExact as PhongExact
-    from brdfcheck.family import Family as Family
-    from brdfcheck.fit import FactorFit as FactorFit
-    from brdfcheck.fit import fit_factor as fit_factor
-    from brdfcheck.ladder import factor_ladder as factor_ladder
-    from brdfcheck.lobes import BinomialPower as BinomialPower
-    from brdfcheck.lobes import BlinnPhong as BlinnPhong
-    from brdfcheck.lobes import KuijkBlake as KuijkBlake
-    from brdfcheck.lobes import Lambert as Lambert
-    from brdfcheck.lobes import Lyon as Lyon
-    from brdfcheck.lobes import Phong as Phong
-    from brdfcheck.lobes import Schlick as Schlick
-    from brdfcheck.microfacet import GGX as GGX
-    from brdfcheck.microfacet import CookTorrance as CookTorrance
-    from brdfcheck.precision import use_x64 as use_x64
-    from brdfcheck.tables import albedo_table as albedo_table
+    from brdfcheck.fits.factor import FactorFit as FactorFit
+    from brdfcheck.fits.factor import fit_factor as fit_factor
+    from brdfcheck.fits.ladder import factor_ladder as factor_ladder
+    from brdfcheck.quadrature.albedo import Albedo as Albedo
+    from brdfcheck.quadrature.albedo import albedo as albedo
+    from brdfcheck.quadrature.tables import albedo_table as albedo_table
+    from brdfcheck.runtime import use_x64 as use_x64
     from brdfcheck.verdict import Report as Report
     from brdfcheck.verdict import Verdict as Verdict
     from brdfcheck.verdict import assert_conserves as assert_conserves
     from brdfcheck.verdict import check as check
 
 _HOME = {
-    "Albedo": "directional",
-    "BinomialPower": "lobes",
-    "BlinnPhong": "lobes",
-    "BlinnPhongExact": "factors",
+    "Albedo": "quadrature.albedo",
+    "BinomialPower": "brdf.lobes",
+    "BlinnPhong": "brdf.lobes",
+    "BlinnPhongExact": "brdf.factors",
     "Budget": "budgets.measure",
-    "CookTorrance": "microfacet",
-    "Factor": "factors",
-    "FactorFit": "fit",
-    "Family": "family",
-    "Finding": "callables",
-    "GGX": "microfacet",
-    "KuijkBlake": "lobes",
-    "Lambert": "lobes",
-    "Lyon": "lobes",
-    "Normalized": "factors",
-    "PerCosine": "factors",
-    "Phong": "lobes",
-    "PhongExact": "factors",
+    "CookTorrance": "brdf.microfacet",
+    "Factor": "brdf.factors",
+    "FactorFit": "fits.factor",
+    "Family": "brdf.family",
+    "Finding": "brdf.callables",
+    "GGX": "brdf.microfacet",
+    "KuijkBlake": "brdf.lobes",
+    "Lambert": "brdf.lobes",
+    "Lyon": "brdf.lobes",
+    "Normalized": "brdf.factors",
+    "PerCosine": "brdf.factors",
+    "Phong": "brdf.lobes",
+    "PhongExact": "brdf.factors",
     "Report": "verdict",
-    "Schlick": "lobes",
+    "Schlick": "brdf.lobes",
     "Verdict": "verdict",
-    "albedo": "directional",
-    "albedo_table": "tables",
+    "albedo": "quadrature.albedo",
+    "albedo_table": "quadrature.tables",
     "assert_conserves": "verdict",
     "budget": "budgets.measure",
     "check": "verdict",
-    "factor_ladder": "ladder",
-    "fit_factor": "fit",
-    "use_x64": "precision",
+    "factor_ladder": "fits.ladder",
+    "fit_factor": "fits.factor",
+    "use_x64": "runtime",
 }
 
 __all__ = [
@@ -113,7 +113,7 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     if name == "catalog":
-        return importlib.import_module("brdfcheck.catalog")
+        return importlib.import_module("brdfcheck.brdf.catalog")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"brdfcheck.{_HOME[name]}"), name)

@@ -22,9 +22,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from brdfcheck import plots, processes, records
+from brdfcheck import plots, processes
 from brdfcheck.cores import available_cores
 from brdfcheck.messages import one_line
+from brdfcheck.output import records
 from brdfcheck.processes import Finished
 
 SIZES = ("small", "full")
@@ -72,6 +73,9 @@ def _described(path: Path) -> Study:
 def load(study: Study) -> ModuleType:
     """The study's module. ValueError where it lacks one of its three functions."""
     name = f"_brdfcheck_study_{study.name}"
+    place = str(study.path.parent)
+    if place not in sys.path:  # for its instruments, as if its file were run
+        sys.path.append(place)
     spec = importlib.util.spec_from_file_location(name, study.path)
     assert spec is not None
     assert spec.loader is not None
@@ -204,7 +208,7 @@ def _seconds(study: Study) -> float:
 
 def make(path: str | Path, size: str, reports: str | Path) -> Path:
     """Run the study of a file in double precision and write its report, without the gallery. Returns the report's folder."""
-    from brdfcheck.precision import use_compilation_cache, use_x64
+    from brdfcheck.runtime import use_compilation_cache, use_x64
 
     use_x64()
     use_compilation_cache()

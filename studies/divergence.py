@@ -32,7 +32,9 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax
     import numpy as np
 
-    from brdfcheck import catalog, transport
+    from _instruments import transport as measure
+    from brdfcheck import transport
+    from brdfcheck.brdf import catalog
 
     full = size == "full"
     paths, exponents = (2**18, EXPONENTS) if full else (2**12, EXPONENTS[::7])
@@ -57,7 +59,7 @@ def run(size: str = "full") -> dict[str, Any]:
         })  # fmt: skip
     claims = []
     for name in CLAIMS:
-        claims.append({"name": name, **transport.plain(transport.radii(catalog.exponent_family(name), exponents, **nodes))})
+        claims.append({"name": name, **measure.plain(measure.radii(catalog.exponent_family(name), exponents, **nodes))})
     return {"settings": {"paths": paths, **nodes}, "results": results, "summary": {"claims": claims}}
 
 

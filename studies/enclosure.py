@@ -28,6 +28,7 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax
     import numpy as np
 
+    from _instruments import transport as measure
     from brdfcheck import transport
 
     full, key = size == "full", jax.random.key(2)
@@ -35,16 +36,16 @@ def run(size: str = "full") -> dict[str, Any]:
     room = transport.box(HALF_CUBE, (16, 16, 8) if full else (4, 4, 2))
     wanted = 1 + 0.05 * np.sin(0.37 * np.arange(room.patches))
     emission = wanted - 0.9 * (np.asarray(room.form_factors) @ wanted)
-    points = transport.work_precision(room, emission, 0.9, wanted, key=key, settings=few, repeats=many)
+    points = measure.work_precision(room, emission, 0.9, wanted, key=key, settings=few, repeats=many)
     cells = (1, 2, 4, 8, 16) if full else (1, 2)
-    costs = transport.growth([(2 * k, 2 * k, k) for k in cells], size=HALF_CUBE, repeats=many)
-    refined, light = transport.refinement(cells, 0.7, key=key, paths=2**22 if full else 2**14)
+    costs = measure.growth([(2 * k, 2 * k, k) for k in cells], size=HALF_CUBE, repeats=many)
+    refined, light = measure.refinement(cells, 0.7, key=key, paths=2**22 if full else 2**14)
     cube = transport.box()
-    levels = transport.levels(cube, cube.on_wall(4, 1.0), RHO)
+    levels = measure.levels(cube, cube.on_wall(4, 1.0), RHO)
     balance = {name: float(getattr(room.balance, name)) for name in ("reciprocity", "row_sums", "change")}
     told = {"growth": costs, "refined": refined, "light": light, "levels": levels, "balance": balance}
     settings = {"rho": 0.9, "patches": room.patches}
-    return {"settings": settings, "results": transport.plain(points), "summary": transport.plain(told)}
+    return {"settings": settings, "results": measure.plain(points), "summary": measure.plain(told)}
 
 
 def plot(record: dict[str, Any]) -> Any:

@@ -31,8 +31,8 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax.numpy as jnp
 
     import brdfcheck
-    from brdfcheck.fit import describe
-    from brdfcheck.ladder import cost
+    from brdfcheck.fits.factor import describe
+    from brdfcheck.fits.ladder import cost
 
     results = []
     for name in NAMES if size == "full" else NAMES[:2]:

@@ -24,7 +24,7 @@ RANGES = ((1, 1000), (1, 100), (10, 1000))
 def run(size: str = "full") -> dict[str, Any]:
     """All fits, with their distance to the published constants."""
     import brdfcheck
-    from brdfcheck.fit import SAMPLINGS
+    from brdfcheck.fits.factor import SAMPLINGS
 
     ranges = RANGES if size == "full" else RANGES[1:2]
     samplings = SAMPLINGS if size == "full" else SAMPLINGS[:1]

@@ -36,7 +36,7 @@ def _names(size: str) -> list[str]:
 def run(size: str = "full") -> dict[str, Any]:
     """Curves over the angles for a few values of the parameter; and for all of them, how much worse the worst angle is."""
     import brdfcheck
-    from brdfcheck import curves
+    from brdfcheck.output import curves
 
     results, ratios, points = [], {}, 65 if size == "full" else 17
     for name in _names(size):

@@ -26,6 +26,7 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax
     import numpy as np
 
+    from _instruments import transport as measure
     from brdfcheck import Normalized, Phong, PhongExact, transport
 
     paths, walls = (2**18, WALLS) if size == "full" else (2**12, WALLS[:2])
@@ -33,15 +34,15 @@ def run(size: str = "full") -> dict[str, Any]:
     spot = np.zeros(room.patches)
     spot[0] = room.patches  # the mean over the sphere is 1
     key = jax.random.key(1)
-    levels = transport.levels(room, spot, RHO, key=key, paths=paths)
+    levels = measure.levels(room, spot, RHO, key=key, paths=paths)
     results = []
-    for level in transport.plain(levels):
+    for level in measure.plain(levels):
         rho = level["reflectance"]
         scale = abs(1 - rho) if rho != 1 else 1.0
         exact = spot + rho / (1 - rho) if rho < 1 else spot + np.nan
         value = np.array([float(part) for part in level.pop("value")])
-        error = transport.plain(float(np.max(np.abs(value - exact))) * scale)
-        opposite, claimed = transport.plain((float(value[-1]), float(level["error"]) * scale))
+        error = measure.plain(float(np.max(np.abs(value - exact))) * scale)
+        opposite, claimed = measure.plain((float(value[-1]), float(level["error"]) * scale))
         results.append({**level, "opposite": opposite, "error": error, "claimed": claimed})
     curves = []
     for label, n in walls:

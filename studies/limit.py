@@ -12,10 +12,10 @@ ns, not 14; barriers, a product of matrices and compiling for one thread did not
 
 Predicted: each sum done once, not again for the error bar, halves what a cell of Kuijk-Blake's takes; measured: 331 to 154 ns.
 
-The floor is the number of evaluations times the time of the dearest operation in one of them (`brdfcheck.limits`), from the
+The floor is the number of evaluations times the time of the dearest operation in one of them (`_instruments.limits`), from the
 same run. A table has 1,000 exponents from 1 to 1000 and 90 cosines; microfacet tables 32 x 32 cells at (i + 1/2)/32. One core:
 all threads of the process are bound to it. Errors of metal are against a Gauss rule in numpy over the slopes of the facets,
-good to 1e-13 (`brdfcheck.peers.metal_table`).
+good to 1e-13 (`_instruments.peers.metal_table`).
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax.numpy as jnp
     import numpy as np
 
-    from brdfcheck import GGX, CookTorrance, costs, limits, lobe_error, plots
+    from _instruments import limits, lobe_error, timing
+    from _instruments.peers import metal_table
+    from brdfcheck import GGX, CookTorrance, plots
     from brdfcheck.cores import available_cores
-    from brdfcheck.peers import metal_table
 
     rounds, count = (9, 1000) if (full := size == "full") else (1, 60)
     references = {name: lobe_error.REFERENCES[name] for name in ("multiply-add", "division", "exp", "log")}
@@ -45,7 +46,7 @@ def run(size: str = "full") -> dict[str, Any]:
     axis = (np.arange(32 if full else 4) + 0.5) / (32 if full else 4)
     times = {}
     for dtype in ("float32", "float64"):
-        taken = costs.nanoseconds(references, 10**7 if full else 10**5, jnp.dtype(dtype), rounds=rounds)
+        taken = timing.nanoseconds(references, 10**7 if full else 10**5, jnp.dtype(dtype), rounds=rounds)
         times[dtype] = {name: time.best for name, time in taken.items()}
     wide, narrow = times["float64"], times["float32"]
     exact = metal_table.slope_table(axis, axis)
@@ -63,7 +64,7 @@ def run(size: str = "full") -> dict[str, Any]:
         results.append(limits.facets("GGX", GGX, axis, wide["division"], rounds))
         results += limits.singles(wide, rounds)
     peer = limits.peer(axis, exact) if full else {"missing": "small size"}
-    gain = costs.gain(references["exp"], len(available_cores()), 10**7 if full else 10**5, jnp.float64, rounds=rounds)
+    gain = timing.gain(references["exp"], len(available_cores()), 10**7 if full else 10**5, jnp.float64, rounds=rounds)
     summary = {"nanoseconds": times, "gain": gain, "peer": peer, "accelerator": limits.accelerator(n, mu, axis, rounds)}
     settings = {"cores": len(available_cores()), "rounds": rounds}
     return {"settings": settings, "results": results, "summary": summary, "packages": ["numba"] if "seconds" in peer else []}
@@ -111,7 +112,7 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The targets, met or missed, and the table behind the figure."""
-    from brdfcheck import limits
+    from _instruments import limits
     from brdfcheck.studies import table
 
     results, found = record["results"], record["summary"]

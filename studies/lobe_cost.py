@@ -39,7 +39,7 @@ def run(size: str = "full") -> dict[str, Any]:
     """Errors, energies, operations and times of all formulas (small: of a few, on fewer angles)."""
     import jax.numpy as jnp
 
-    from brdfcheck import costs, lobe_error
+    from _instruments import lobe_error, timing
 
     full, few = size == "full", ("power", "power-fixed", "schlick", "lyon-4", "binomial-16")
     forms = [form for form in lobe_error.FORMS if full or form.name in few]
@@ -48,7 +48,7 @@ def run(size: str = "full") -> dict[str, Any]:
     timed = {f"{name} {n}": kernel for (name, n), kernel in kernels.items()}
     times = {}
     for dtype in ("float32", "float64"):
-        taken = costs.nanoseconds({**lobe_error.REFERENCES, **timed}, evaluations, jnp.dtype(dtype), rounds=rounds)
+        taken = timing.nanoseconds({**lobe_error.REFERENCES, **timed}, evaluations, jnp.dtype(dtype), rounds=rounds)
         times[dtype] = {name: [time.best, time.median] for name, time in taken.items()}
     results = []
     for form in forms:
@@ -71,8 +71,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A column an exponent, a row an error: the frontier of what no other formula beats is bold."""
+    from _instruments import charts
     from brdfcheck import plots
-    from brdfcheck.plots import precision
     from brdfcheck.plots.styles import LOBES, ink
 
     loop = record["summary"]["nanoseconds"]["loop alone"]["float32"]
@@ -83,11 +83,11 @@ def plot(record: dict[str, Any]) -> Any:
             axes, results = grid[i][j], [result for result in record["results"] if result["n"] == n]
             label, least, ceiling, ticks = ROWS[row]
             points = [(min(r["nanoseconds"]["float32"], MOST), max(r["errors"][row], least), r) for r in results]
-            best = precision.frontier([(x, y) for x, y, result in points if not result["fixed"]])
+            best = charts.frontier([(x, y) for x, y, result in points if not result["fixed"]])
             axes.plot(*zip(*best, strict=True), color="#888888", linewidth=3, alpha=0.5, zorder=1)
             axes.axvline(loop, color="#888888", linewidth=0.8, dashes=(3, 2))
             where = [(x, y, r["kind"]) for x, y, r in points]
-            places = precision.label_places(where, COLUMNS, (ceiling / least) ** 0.075)
+            places = charts.label_places(where, COLUMNS, (ceiling / least) ** 0.075)
             for (x, y, result), place in zip(points, places, strict=True):
                 color, marker = LOBES[kind := result["kind"]]
                 look = {"color": "white" if result["fixed"] else color, "markeredgecolor": color, "markersize": 5}
@@ -128,7 +128,7 @@ def summary(record: dict[str, Any]) -> str:
     return (
         "What the proposal of the 16th power (seed 001) says of itself and of others. Times are shares of that of exp(n log c):"
         f"\n\n{claims}\n\nTimes of single operations in the same run, ns:\n\n{table(('', 'float32', 'float64'), single)}"
-        f"\n\nTimes and operations of one evaluation:\n\n{table(header, costs)}\n\nErrors (as `brdfcheck.lobe_error.errors`"
+        f"\n\nTimes and operations of one evaluation:\n\n{table(header, costs)}\n\nErrors (as `_instruments.lobe_error.errors`"
         " has them), and the albedo at normal incidence with the power's factor:"
         f"\n\n{table(('formula', 'n', *keys, 'E mirror', 'E half'), errors)}"
     )

@@ -26,7 +26,7 @@ FITTED = ("binomial-power-half", "blinn-phong-fitted")
 def run(size: str = "full") -> dict[str, Any]:
     """The largest albedo over all angles against the exponent, and the best factors fitted anew."""
     import brdfcheck
-    from brdfcheck import curves
+    from brdfcheck.output import curves
 
     samples = 241 if size == "full" else 41
     drawn = [{**curves.albedo_vs_n(name, samples=samples, n=(1.0, 1000.0)), "label": NAMES[name]} for name in NAMES]

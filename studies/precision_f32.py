@@ -29,7 +29,9 @@ NAIVE = {
 
 def run(size: str = "full") -> dict[str, Any]:
     """Errors of profiles and albedos by lobe, parameter and angle (small: four lobes), and of the naive forms."""
-    from brdfcheck import catalog, records, single
+    from _instruments import single
+    from brdfcheck.brdf import catalog
+    from brdfcheck.output import records
 
     names = ["phong", "schlick-mirror", "binomial-power-half", "ggx"] if size == "small" else single.distinct()
     results = []

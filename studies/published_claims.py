@@ -21,7 +21,7 @@ MOST = 30.0  # the axis of albedos ends here
 def run(size: str = "full") -> dict[str, Any]:
     """The verdict on every published claim of the catalogue (small: on four of them)."""
     import brdfcheck
-    from brdfcheck import records
+    from brdfcheck.output import records
 
     claims = [entry for entry in brdfcheck.catalog.entries() if entry.claim]
     results = []

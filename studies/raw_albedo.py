@@ -23,7 +23,7 @@ EXPONENTS = (1, 2, 5, 10, 17, 18, 19, 20, 50, 100, 200, 500, 1000)
 def run(size: str = "full") -> dict[str, Any]:
     """The albedo over all angles and at normal incidence, and at the exponents of the table."""
     import brdfcheck
-    from brdfcheck import curves
+    from brdfcheck.output import curves
 
     samples = 241 if size == "full" else 41
     normal = curves.albedo_vs_n(NAME, samples=samples, cos_theta=(1.0, 1.0))

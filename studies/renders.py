@@ -26,8 +26,7 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax.numpy as jnp
     import numpy as np
 
-    from brdfcheck.pictures import failures, presets, white_furnace
-    from brdfcheck.scene import meshes
+    from brdfcheck.scene import failures, meshes, presets, white_furnace
 
     full = size == "full"
     names = list(presets.PRESETS) if full else SMALL
@@ -57,7 +56,7 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
     """Every picture as the command renders it."""
-    from brdfcheck.pictures import images, presets
+    from brdfcheck.scene import images, presets
 
     sides = {row["name"]: row["side"] for row in record["results"]}
     return {f"{name}.png": images.png_bytes(presets.render_preset(name, side)) for name, side in sides.items()}
@@ -66,7 +65,7 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 def plot(record: dict[str, Any]) -> Any:
     """Three pictures, what smooth shading loses against the number of faces, and the excess in the furnace."""
     from brdfcheck import plots
-    from brdfcheck.pictures import colour, presets
+    from brdfcheck.scene import colour, presets
 
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
     faces, sides = [row["faces"] for row in smooth], {row["name"]: row["side"] for row in record["results"]}

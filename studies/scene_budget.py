@@ -61,7 +61,7 @@ def run(size: str = "full") -> dict[str, Any]:
     """The budget of every scene (small: of two, in few pixels)."""
     from brdfcheck import budget
     from brdfcheck.budgets import report
-    from brdfcheck.pictures.images import png_bytes
+    from brdfcheck.scene.images import png_bytes
 
     full, results = size == "full", []
     for name, scene in SCENES.items() if full else list(SCENES.items())[3:5]:

@@ -83,8 +83,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Error against time; numbers are faces; float64 is hollow, and on the sphere the reference itself: on the lower edge."""
+    from _instruments.charts import frontier
     from brdfcheck import plots
-    from brdfcheck.plots.precision import frontier
 
     with plots.house_style():
         figure = plots.empty(8.0, 6.4)

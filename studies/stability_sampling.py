@@ -29,7 +29,7 @@ SMALL = ("phong", "kb", "ggx")
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of rules whose samples do not follow the lobe, and of lobe-importance Monte Carlo."""
-    from brdfcheck import stability
+    from _instruments import stability
 
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
     names = [name for name in references if size == "full" or name in SMALL]
@@ -41,21 +41,21 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """What part of the cells of each rule holds, loses digits, lies and breaks."""
-    from brdfcheck.plots.outcomes import shares
+    from _instruments.outcome_charts import shares
 
     return shares(record["results"])
 
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
     """A map for each method: lobes and exponents down, angles across."""
-    from brdfcheck.plots.outcomes import maps
+    from _instruments.outcome_charts import maps
 
     return maps(record["results"], **record["settings"])
 
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by rule and precision, and the maps."""
-    from brdfcheck.plots.outcomes import cells, shown
+    from _instruments.outcome_charts import cells, shown
     from brdfcheck.studies import table
 
     counts = record["summary"]["counts"]

@@ -28,7 +28,7 @@ LABELS = {
 
 def run(size: str = "full") -> dict[str, Any]:
     """Counts of right, undecided and false verdicts."""
-    from brdfcheck import stability
+    from _instruments import stability
     from brdfcheck.cores import available_cores
 
     full = size == "full"
@@ -42,8 +42,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A bar for each set of verdicts: right, undecided, false."""
+    from _instruments.outcome_charts import OUTCOMES
     from brdfcheck import plots
-    from brdfcheck.plots.outcomes import OUTCOMES
 
     colors = (OUTCOMES["holds"], OUTCOMES["loses digits"], OUTCOMES["lies"])
     figure = plots.empty(7.2, 2.4)

@@ -35,10 +35,10 @@ MOST_SECONDS = 0.1
 
 def run(size: str = "full") -> dict[str, Any]:
     """All rules through their settings on all cases, and on three of them in float32 too."""
+    from _instruments.peers import PEERS, mitsuba_peer
+    from _instruments.work_precision import Case, measure_all, single
     from brdfcheck import CookTorrance, KuijkBlake, Phong
-    from brdfcheck.peers import PEERS, mitsuba_peer
     from brdfcheck.quadrature import RULES
-    from brdfcheck.work_precision import Case, measure_all, single
 
     build = {"Phong": Phong, "KuijkBlake": KuijkBlake, "Beckmann": lambda m: CookTorrance(m, masking="smith-separable")}
     cases = [Case(name, lobe, build[lobe](value), value, mu, exact) for name, lobe, value, mu, exact in CASES]
@@ -66,14 +66,14 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """One panel a case: error against seconds, the frontier bold."""
-    from brdfcheck.plots import precision
+    from _instruments import charts
 
-    return precision.figure(record["results"])
+    return charts.figure(record["results"])
 
 
 def summary(record: dict[str, Any]) -> str:
     """For each case: what each rule reaches, and what the first digits cost."""
-    from brdfcheck.plots.precision import ROUNDING
+    from _instruments.charts import ROUNDING
     from brdfcheck.studies import table
 
     points, settings = record["results"], record["settings"]

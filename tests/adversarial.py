@@ -24,8 +24,8 @@ import numpy as np
 from numpy.random import Generator
 from scipy.optimize import minimize_scalar
 
-from brdfcheck.factors import Factor, Normalized
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Phong
+from brdfcheck.brdf.factors import Factor, Normalized
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
 
 Brdf = Callable[[Any, Any], Any]
 

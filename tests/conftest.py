@@ -28,7 +28,7 @@ import jax
 import pytest
 from hypothesis import HealthCheck, settings
 
-from brdfcheck.precision import use_compilation_cache, use_x64
+from brdfcheck.runtime import use_compilation_cache, use_x64
 
 use_x64()
 use_compilation_cache()

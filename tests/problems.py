@@ -11,8 +11,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.microfacet import GGX, CookTorrance
-from brdfcheck.stability import references
+from _instruments.stability import references
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
 
 REFERENCES = Path(__file__).parent / "references"
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from adversarial import Case
 
-from brdfcheck.family import Family
+from brdfcheck.brdf.family import Family
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check_family
 
 _LINE = 1 + TOLERANCE

@@ -13,8 +13,8 @@ from adversarial import Case
 from numpy.random import Generator
 from scipy.optimize import minimize
 
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.directional import albedo
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.quadrature.albedo import albedo
 
 # Seeds of each kind; more of those that are drawn from several formulas.
 SEEDS = (0, 1)

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.family import Family
-from brdfcheck.lobes import Phong
-from brdfcheck.microfacet import CookTorrance
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import Phong
+from brdfcheck.brdf.microfacet import CookTorrance
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.boxes import Mesh
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 COSINES = (1.0, 0.9, 0.71, 0.5, 0.1, 1e-3, 1e-7)
 

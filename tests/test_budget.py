@@ -22,9 +22,9 @@ from brdfcheck.budgets.choice import REFUSED, Fault, Search
 from brdfcheck.budgets.measure import Budget, BudgetError, measure
 from brdfcheck.budgets.programs import Beside, Compiler, beside
 from brdfcheck.budgets.room import irradiance, room_numbers
-from brdfcheck.budgets.work import traced
 from brdfcheck.messages import UsageError
-from brdfcheck.pictures.images import codes
+from brdfcheck.operations import traced
+from brdfcheck.scene.images import codes
 from brdfcheck.scene.materials import Highlight, Translucent
 from brdfcheck.transport import box, direct, neumann_series
 
@@ -362,7 +362,7 @@ def test_an_energy_that_matters_is_kept(glossy):
 
 
 def at_center(light, *, irradiance):
-    from brdfcheck.scene.values import Vector
+    from brdfcheck.scene.vectors import Vector
 
     way, found = light.arriving(Vector(0.0, 0.0, 0.0))
     assert float(found * light.intensity[0]) == pytest.approx(irradiance, rel=1e-6)
@@ -372,7 +372,7 @@ def at_center(light, *, irradiance):
 def test_simpler_lights_agree_at_the_centre():
     panel = scenes.parse_scene({"material": MATT, "lights": [PANEL]})
     light: Any = panel.picture.lights[0]
-    from brdfcheck.scene.values import Vector
+    from brdfcheck.scene.vectors import Vector
 
     facing = float(light.irradiance(Vector(*jnp.zeros(3)), Vector(*jnp.array([1.0, 0.0, 0.0]))))
     for model in ("point", "distant"):
@@ -401,7 +401,7 @@ def test_metal_as_a_power_agrees_at_the_highlight():
 
 @pytest.mark.parametrize("model", [Highlight((0.3, 0.5, 0.8), n=14.0), Translucent((0.3, 0.5, 0.8), behind=0.4, n=14.0)])
 def test_painted_lobes_are_the_model_with_another_profile(model):
-    from brdfcheck.lobes import BinomialPower, Phong
+    from brdfcheck.brdf.lobes import BinomialPower, Phong
     from brdfcheck.scene.lights import Distant
     from brdfcheck.scene.sphere import sphere_image
 
@@ -461,7 +461,7 @@ def test_the_irradiance_by_moments_is_that_of_the_walls_as_polygons():
     corners = [np.asarray(cube.point(jnp.arange(cube.patches, dtype=np.int32), jnp.full((cube.patches, 2), u) * 1.0)[0])
                for u in (0.0, 1.0)]  # fmt: skip
     from brdfcheck.scene.lights import Polygon
-    from brdfcheck.scene.values import Vector
+    from brdfcheck.scene.vectors import Vector
 
     for normal in (np.array([0.0, 1.0, 0.0]), rng.normal(size=3), rng.normal(size=3)):
         normal = normal / np.linalg.norm(normal)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from test_geometry import random_directions
 
-from brdfcheck.callables import BLOCK, Evaluator, Finding
-from brdfcheck.family import Family
-from brdfcheck.lobes import BlinnPhong, Phong
-from brdfcheck.microfacet import GGX
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf.callables import BLOCK, Evaluator, Finding
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BlinnPhong, Phong
+from brdfcheck.brdf.microfacet import GGX
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 WI, WO = random_directions(300, 1), random_directions(300, 2)
 
@@ -376,7 +376,7 @@ def test_points_are_evaluated_in_any_number_and_order():
 
 
 def test_the_worst_channel_counts():
-    from brdfcheck.lobes import Lambert
+    from brdfcheck.brdf.lobes import Lambert
 
     zonal = PointwiseAlbedo(Family("rgb", lambda k: Lambert(jnp.stack([k / 4, k, k / 2])), {"k": (0.0, 1.0)}))
     value, error = zonal(np.array([[0.2], [0.8]]), np.array([1.0, 0.3]), np.zeros(2))

@@ -21,11 +21,11 @@ import pytest
 
 import brdfcheck
 from brdfcheck import cli
+from brdfcheck.brdf.factors import Factor, Normalized
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, Lambert, Phong
 from brdfcheck.cli import ExitCode
-from brdfcheck.factors import Factor, Normalized
-from brdfcheck.family import Family
-from brdfcheck.lobes import BinomialPower, Lambert, Phong
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Report, Verdict, assert_conserves, check
 
 ROOT = Path(brdfcheck.__file__).parent.parent

@@ -11,11 +11,11 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from problems import LOBES, facet_lobe, facet_tables, zonal_tables
 
-from brdfcheck import catalog, lobes, microfacet
-from brdfcheck.brdf import FORMS, AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.directional import albedo, peel
-from brdfcheck.family import Family
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf import catalog, lobes, microfacet
+from brdfcheck.brdf.base import FORMS, AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.family import Family
+from brdfcheck.quadrature.albedo import albedo, peel
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Report, Verdict, check
 
 VALIDATED = [entry.name for entry in catalog.entries() if entry.validated]

@@ -18,9 +18,11 @@ import pytest
 from rich.console import Console
 
 import brdfcheck
-from brdfcheck import catalog, cli, console
+from brdfcheck import cli
+from brdfcheck.brdf import catalog
 from brdfcheck.cli import ExitCode, listing, output
 from brdfcheck.cli import process as running
+from brdfcheck.output import text as console
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 
@@ -622,7 +624,7 @@ def test_public_names_are_found_lazily() -> None:
     assert set(brdfcheck.__all__) <= set(dir(brdfcheck))
     for name in brdfcheck.__all__:
         assert getattr(brdfcheck, name) is not None
-    assert brdfcheck.albedo is sys.modules["brdfcheck.directional"].albedo
-    assert brdfcheck.catalog is catalog
+    assert brdfcheck.albedo is sys.modules["brdfcheck.quadrature.albedo"].albedo
+    assert brdfcheck.brdf.catalog is catalog
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = brdfcheck.nothing  # pyright: ignore[reportAttributeAccessIssue]

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brdfcheck import catalog, cli
+from brdfcheck import cli
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.factors import Factor, Normalized
 from brdfcheck.cli import ExitCode
-from brdfcheck.factors import Factor, Normalized
 from brdfcheck.verdict import Verdict, check
 
 Run = Callable[..., tuple[int, str, str]]

@@ -18,8 +18,9 @@ import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
-from brdfcheck.pictures import presets, scene_files
-from brdfcheck.pictures.colour import encode_srgb
+from brdfcheck.scene import files as scene_files
+from brdfcheck.scene import presets
+from brdfcheck.scene.colour import encode_srgb
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import BinomialPower, Factor, Family, Phong, albedo, catalog
-from brdfcheck.compact import AlbedoFit, fit_albedo
-from brdfcheck.pointwise import PointwiseAlbedo
-from brdfcheck.rational import horner
-from brdfcheck.surfaces import tabulate
+from brdfcheck import BinomialPower, Factor, Family, Phong, albedo
+from brdfcheck.brdf import catalog
+from brdfcheck.fits.grids import tabulate
+from brdfcheck.fits.rational import horner
+from brdfcheck.fits.surface import AlbedoFit, fit_albedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 # What each reaches, with a little room, and the degree (None: as chosen); kinked lobes are the worse ones.
 REACHED = {

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck import BinomialPower, Factor, Family, Normalized, Phong, curve_files, curves, plots
-from brdfcheck.callables import Finding
+from brdfcheck import BinomialPower, Factor, Family, Normalized, Phong, plots
+from brdfcheck.brdf.callables import Finding
 from brdfcheck.messages import UsageError
+from brdfcheck.output import curve_files, curves
 
 
 def refuse(constant: str) -> None:
@@ -42,7 +43,7 @@ def test_the_interval_is_the_verdicts():
 @pytest.mark.parametrize("name", ["phong-classical", "cook-torrance", "binomial-power-half"])
 def test_the_largest_over_the_angles_is_no_grid_value(name):
     """Against the continuous maximum of `check` at one value of the parameter."""
-    ((parameter, _),) = brdfcheck.catalog.entry(name).family.ranges.items()
+    ((parameter, _),) = brdfcheck.brdf.catalog.entry(name).family.ranges.items()
     curve = curves.albedo_vs_n(name, samples=3, **{parameter: (0.3, 0.9) if parameter == "m" else (3.0, 30.0)})
     x, value = curve["x"][1], curve["albedo"][1]
     report = brdfcheck.check(name, **{parameter: (x, x)})
@@ -61,7 +62,7 @@ def test_over_angles_the_ends_are_where_the_albedo_is_1():
     curve = curves.albedo_vs_angle("phong-classical", samples=33, n=10.0)
     ((low, high),) = curve["above"]
     assert low == pytest.approx(math.cos(math.radians(89)))  # the edge of its range
-    family = brdfcheck.catalog.entry("phong-classical").family
+    family = brdfcheck.brdf.catalog.entry("phong-classical").family
     value = float(brdfcheck.albedo(family.build(n=10.0), high).value)
     assert value == pytest.approx(1, abs=2e-9)
     assert curves.albedo_vs_angle("phong", samples=9, n=10.0)["above"] == []

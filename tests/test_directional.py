@@ -12,9 +12,9 @@ import pytest
 
 import brdfcheck
 from brdfcheck import Factor, Normalized, PerCosine, PhongExact, albedo
-from brdfcheck.brdf import AbstractZonalLobe
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
-from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
 
 SAMPLES = [
     Lambert(0.5),

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact, exact_factor
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
-from brdfcheck.tables import albedo_table
+from brdfcheck.brdf.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact, exact_factor
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
+from brdfcheck.quadrature.tables import albedo_table
 
 LOBES = {
     "phong": Phong,

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from brdfcheck import BinomialPower, Factor
-from brdfcheck.compact import AlbedoFit, fit_albedo
-from brdfcheck.export import KINDS, c_snippet, glsl_snippet, table_metadata, write_table
-from brdfcheck.export.snippets import factor_text, identifier, number
-from brdfcheck.factors import Constant, PhongExact, Proportional, RationalFactor
-from brdfcheck.surfaces import AlbedoGrid, tabulate
+from brdfcheck.brdf.factors import Constant, PhongExact, Proportional, RationalFactor
+from brdfcheck.fits.grids import AlbedoGrid, tabulate
+from brdfcheck.fits.surface import AlbedoFit, fit_albedo
+from brdfcheck.output.source import c_snippet, factor_text, glsl_snippet, identifier, number
+from brdfcheck.output.table_files import KINDS, table_metadata, write_table
 
 C_COMPILER = shutil.which("cc") or shutil.which("gcc")
 CPP_COMPILER = shutil.which("c++") or shutil.which("g++")

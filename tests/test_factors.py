@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.directional import albedo
-from brdfcheck.factors import (
+from brdfcheck.brdf.factors import (
     BlinnPhongExact,
     Constant,
     Factor,
@@ -20,9 +19,10 @@ from brdfcheck.factors import (
     Proportional,
     RationalFactor,
 )
-from brdfcheck.lobes import BlinnPhong, Lambert, Phong
-from brdfcheck.microfacet import GGX, CookTorrance
-from brdfcheck.tables import albedo_table
+from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.quadrature.albedo import albedo
+from brdfcheck.quadrature.tables import albedo_table
 
 N = np.array([0.0, 0.5, 1.0, 2.0, 17.85, 1000.0, 1e7])
 WI = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 1.0], [0.0, 0.8, 0.6]])

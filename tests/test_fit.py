@@ -9,14 +9,14 @@ import pytest
 from scipy.optimize import linprog
 
 import brdfcheck
-from brdfcheck import catalog
-from brdfcheck.directional import albedo
-from brdfcheck.exact_factors import exact_factor
-from brdfcheck.factors import Factor, Normalized, RationalFactor
-from brdfcheck.family import Family
-from brdfcheck.fit import OBJECTIVES, RawAlbedo, certify, describe, fit_factor, fit_form, to_json_object
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Phong
-from brdfcheck.minimax import spread
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.exact_factors import exact_factor
+from brdfcheck.brdf.factors import Factor, Normalized, RationalFactor
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
+from brdfcheck.fits.factor import OBJECTIVES, RawAlbedo, certify, describe, fit_factor, fit_form, to_json_object
+from brdfcheck.fits.minimax import spread
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict
 
 # One entry for each lobe: the factors of entries are taken off.

@@ -1,51 +1,48 @@
-"""The picture of the house, held against the imports: data flows one way, up."""
+"""The picture of the house, held against the imports: a folder is a floor, and imports only from floors below it."""
 
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
+GROUND = {"geometry", "messages", "numerics", "runtime", "operations", "cores", "interruption", "documents", "processes"}
 FLOORS = [
-    {"geometry", "precision", "brdf", "family", "messages", "rational", "cores", "interruption"},
-    {"lobes", "microfacet", "factors", "callables", "documents", "processes", "costs"},
+    GROUND,
+    {"brdf"},
     {"quadrature"},
-    {"catalog", "directional", "exact_factors", "minimax"},
-    {"tables", "pointwise", "rules", "peers"},
     {"verdict"},
-    {"records", "user_brdf", "fit", "surfaces"},
-    {
-        "ladder",
-        "scene",
-        "lobe_error",
-        "single",
-        "work_precision",
-        "limits",
-        "stability",
-        "sweep",
-        "compact",
-        "curves",
-        "curve_files",
-        "plots",
-    },
-    {"console", "export", "studies", "transport", "pictures"},
-    {"budgets"},
+    {"fits"},
+    {"output"},
+    {"plots"},
+    {"studies", "sweep", "scene", "transport", "budgets"},
     {"cli"},
-    {"__main__", "__init__"},
+    {"__main__", "__init__", "lobes", "microfacet"},
 ]
-# Within a floor these may be used by their neighbours: the vocabulary of the floor.
-SHARED = {("geometry", "brdf")}
+# Imports within a floor, and why.
+NEIGHBOURS = {
+    ("budgets", "scene"): "a budget is of the picture of a scene",
+    ("budgets", "transport"): "its room is an enclosure",
+}
+FILES = sorted(PACKAGE.rglob("*.py"))
 
 
-def floor_of(module: str) -> int:
-    return next(i for i, floor in enumerate(FLOORS) if module in floor)
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path) for path in FILES}
 
 
 def imports(path: Path) -> set[str]:
-    """Names of the package's own modules that a file imports, those under TYPE_CHECKING left out."""
+    """The package's own modules that a file imports, those under TYPE_CHECKING left out."""
     found: set[str] = set()
 
     class Visitor(ast.NodeVisitor):
@@ -54,48 +51,70 @@ def imports(path: Path) -> set[str]:
                 self.generic_visit(node)
 
         def visit_Import(self, node: ast.Import) -> None:
-            for alias in node.names:
-                if alias.name.startswith("brdfcheck."):
-                    found.add(alias.name.split(".")[1])
+            found.update(alias.name for alias in node.names if alias.name in MODULES)
 
         def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
-            parts = (node.module or "").split(".")
-            if parts[0] == "brdfcheck":
-                found.update([parts[1]] if len(parts) > 1 else [alias.name for alias in node.names])
+            assert node.level == 0, f"{path} line {node.lineno}: imports are absolute here"
+            module = node.module or ""
+            if module in MODULES:
+                inner = {f"{module}.{alias.name}" for alias in node.names} & MODULES
+                found.update(inner)
+                if len(inner) < len([alias for alias in node.names if alias.name != "__version__"]):
+                    found.add(module)
 
     Visitor().visit(ast.parse(path.read_text()))
-    return found
+    return found - {module_of(path)}
 
 
-FILES = sorted(PACKAGE.rglob("*.py"))
+def floor_of(room: str) -> int:
+    return next(i for i, floor in enumerate(FLOORS) if room in floor)
 
 
-def test_every_module_has_a_floor():
-    modules = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in FILES}
-    assert modules == set().union(*FLOORS)
+def room_of(module: str) -> str:
+    return [*module.split("."), "__init__"][1]
+
+
+def test_every_folder_has_a_floor():
+    rooms = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in FILES}
+    assert rooms == set().union(*FLOORS)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_go_down(path):
-    module = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    if module == "__init__":
-        return
-    for imported in imports(path) - {module}:
-        if (PACKAGE / f"{imported}.py").exists() or (PACKAGE / imported).is_dir():
-            lower = floor_of(imported) < floor_of(module) or (imported, module) in SHARED
-            assert lower, f"{module} imports {imported}, which is not on a floor below it"
+    room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    for module in imports(path):
+        other = room_of(module)
+        if other != room and room not in GROUND and (room, other) not in NEIGHBOURS:
+            assert floor_of(other) < floor_of(room), f"{path.name} imports {module}"
+        if room in GROUND:
+            assert other in GROUND, f"{path.name} imports {module}"
+
+
+def test_no_circle():
+    graph = {module_of(path): imports(path) for path in FILES}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_every_exception_is_used():
+    used = {(path.relative_to(PACKAGE).parts[0], room_of(module)) for path in FILES for module in imports(path)}
+    assert set(NEIGHBOURS) <= used
+
+
+def test_instruments_of_studies_stay_outside():
+    for path in FILES:
+        assert "_instruments" not in path.read_text(), path
 
 
 def test_only_entry_points_change_the_precision():
     for path in FILES:
-        if path.name != "precision.py":
+        if path.name != "runtime.py":
             assert "enable_x64" not in path.read_text(), path.name
 
 
 def test_importing_the_package_imports_nothing_heavy():
-    import subprocess
-    import sys
-
     code = "import sys, brdfcheck; print([m for m in ('jax', 'numpy', 'matplotlib', 'scipy', 'typer') if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck.lobes import Phong
-from brdfcheck.microfacet import GGX
+from brdfcheck.brdf.lobes import Phong
+from brdfcheck.brdf.microfacet import GGX
 from brdfcheck.quadrature.graded import GradedRule
 
 RULES = (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from problems import brute_force, facet_lobe, facet_tables, slope_at_normal
 
-from brdfcheck.directional import albedo
-from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.quadrature.albedo import albedo
 
 TABLES = facet_tables()
 

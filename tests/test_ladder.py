@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.directional import albedo
-from brdfcheck.factors import BlinnPhongExact, Constant, Factor, Normalized, Proportional, RationalFactor
-from brdfcheck.ladder import CLOSED_FORM, FORMS, cost, factor_ladder, operations
-from brdfcheck.lobes import KuijkBlake, Phong
+from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, Normalized, Proportional, RationalFactor
+from brdfcheck.brdf.lobes import KuijkBlake, Phong
+from brdfcheck.fits.ladder import CLOSED_FORM, FORMS, cost, factor_ladder, operations
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict
 
 

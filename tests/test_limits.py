@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import costs, limits
+from _instruments import limits, timing
+from brdfcheck.operations import elements
 
 TIMES = {"multiply-add": 0.1, "division": 0.5, "exp": 1.0}
 
@@ -59,7 +60,7 @@ def test_a_slow_job_has_fewer_rounds():
         calls.append(1)
         time.sleep(0.7)
 
-    assert 0.7 <= costs.fastest(job, 50) < 2
+    assert 0.7 <= timing.fastest(job, 50) < 2
     assert len(calls) == 5  # two of them to compile
 
 
@@ -67,12 +68,12 @@ def test_elements_of_loops_are_counted_as_often_as_they_run():
     def loop(x):
         return jax.lax.map(lambda y: jnp.exp(jnp.sin(y)), x)
 
-    found = costs.elements(jax.make_jaxpr(loop)(jnp.ones((7, 5))))
+    found = elements(jax.make_jaxpr(loop)(jnp.ones((7, 5))))
     assert (found["exp"], found["sin"]) == (35, 35)
     with pytest.raises(ValueError, match="no fixed count"):
-        costs.elements(jax.make_jaxpr(lambda x: jax.lax.while_loop(lambda y: y < 9, lambda y: y + 1, x))(1))
+        elements(jax.make_jaxpr(lambda x: jax.lax.while_loop(lambda y: y < 9, lambda y: y + 1, x))(1))
 
 
 def test_the_gain_of_one_thread_is_one():
-    gain = costs.gain(costs.Kernel(jnp.exp), 1, 100_000, jnp.float64, rounds=3)
+    gain = timing.gain(timing.Kernel(jnp.exp), 1, 100_000, jnp.float64, rounds=3)
     assert 0.2 < gain < 5

@@ -13,12 +13,12 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from test_geometry import near_mirror, random_directions
 
-from brdfcheck.directional import albedo
-from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PhongExact
-from brdfcheck.family import Family
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
-from brdfcheck.microfacet import GGX, CookTorrance
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PhongExact
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.quadrature.albedo import albedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 # --- the formulas, written again: functions of c = cos of the lobe's angle, and n ---
 

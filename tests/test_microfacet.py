@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_geometry import near_mirror, random_directions
 
-from brdfcheck.microfacet import GGX, MASKINGS, CookTorrance, fresnel_dielectric, fresnel_schlick
+from brdfcheck.brdf.microfacet import GGX, MASKINGS, CookTorrance, fresnel_dielectric, fresnel_schlick
 
 LIGHT = random_directions(600, 11)
 WI = LIGHT[LIGHT[:, 2] > 1e-3]

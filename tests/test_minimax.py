@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from brdfcheck.minimax import Ceiling, best_rational, extrema, spread
+from brdfcheck.fits.minimax import Ceiling, best_rational, extrema, spread
 
 
 def blinn(n):

@@ -11,7 +11,7 @@ import pytest
 from problems import slope_at_normal
 
 from brdfcheck import Factor, Normalized, albedo_table
-from brdfcheck.lobes import BinomialPower, KuijkBlake, Lyon, Phong
+from brdfcheck.brdf.lobes import BinomialPower, KuijkBlake, Lyon, Phong
 from brdfcheck.quadrature.moments import MomentOrder, prepare, truncated_powers
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brdfcheck import albedo_table, costs
-from brdfcheck.microfacet import CookTorrance
-from brdfcheck.peers import PeerMissing, metal_table
+from _instruments import timing
+from _instruments.peers import PeerMissing, metal_table
+from brdfcheck import albedo_table
+from brdfcheck.brdf.microfacet import CookTorrance
 
 MIDDLES = (np.arange(32) + 0.5) / 32
 METAL = functools.partial(CookTorrance, masking="smith-separable")
@@ -57,7 +58,7 @@ def test_beckmann_table_against_scipy():
     exact = metal_table.slope_table(MIDDLES, MIDDLES)
     job = {rtol: lambda rtol=rtol: np.asarray(albedo_table(METAL, MIDDLES, MIDDLES, rtol=rtol).value) for rtol in (1e-6, 1e-10)}
     error = {rtol: np.max(np.abs(job[rtol]() - exact)) for rtol in job}
-    seconds = {rtol: costs.fastest(job[rtol], 5) for rtol in job}
+    seconds = {rtol: timing.fastest(job[rtol], 5) for rtol in job}
     table, peer_seconds = metal_table.scipy_table(MIDDLES, MIDDLES, 2)
     theirs = np.max(np.abs(table - exact))
     print(f"ours {seconds} s, errors {error}; scipy + numba {peer_seconds:.2f} s, error {theirs:.1e}")

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import albedo, catalog
-from brdfcheck.pictures import canvas, drawing, failures, images, paper_figures, presets, smooth_shading, white_furnace
-from brdfcheck.scene import meshes
+from brdfcheck import albedo
+from brdfcheck.brdf import catalog
+from brdfcheck.scene import canvas, drawing, failures, images, meshes, paper_figures, presets, smooth_shading, white_furnace
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.lights import Ambient, Distant, Environment
 from brdfcheck.scene.materials import Surface, Term

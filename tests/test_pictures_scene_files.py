@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from brdfcheck.messages import UsageError
-from brdfcheck.pictures.colour import rgb_of_spectrum
-from brdfcheck.pictures.scene_files import parse_scene
 from brdfcheck.scene.cameras import Orthographic, Perspective
+from brdfcheck.scene.colour import rgb_of_spectrum
+from brdfcheck.scene.files import parse_scene
 from brdfcheck.scene.lights import Distant
 from brdfcheck.scene.materials import Metal, Surface, Term
 from brdfcheck.scene.meshes import icosphere

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck import catalog, plots
+from brdfcheck import plots
+from brdfcheck.brdf import catalog
 from brdfcheck.plots import heatmap, paper
 from brdfcheck.plots.styles import DASHES, FITS, LOBES, VARIANTS, ink, style_of, styles
 
@@ -397,7 +398,7 @@ def test_the_settings_of_the_user_do_not_matter():
 
 
 def test_plotting_never_computes():
-    code = "import sys, brdfcheck.plots as p, brdfcheck.plots.heatmap, brdfcheck.plots.factor, brdfcheck.curve_files"
+    code = "import sys, brdfcheck.plots as p, brdfcheck.plots.heatmap, brdfcheck.plots.factor, brdfcheck.output.curve_files"
     code += "; print([m for m in ('jax', 'equinox', 'matplotlib.pyplot') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import precision
-from brdfcheck.precision import cache_folder, use_compilation_cache
+from brdfcheck import runtime
+from brdfcheck.runtime import cache_folder, use_compilation_cache
 
 _OPTIONS = (
     "jax_compilation_cache_dir",
@@ -90,14 +90,14 @@ def test_importing_the_package_leaves_single_precision_alone() -> None:
 
 def test_quick_programs_leave_out_options_that_this_xla_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
     known = {"xla_backend_optimization_level": 0}
-    monkeypatch.setattr(precision, "_QUICK", ({"xla_no_such_option": 1}, known))
-    precision.quick_compiler_options.cache_clear()
-    assert precision.quick_compiler_options() == known
-    monkeypatch.setattr(precision, "_QUICK", ({"xla_no_such_option": 1},))
-    precision.quick_compiler_options.cache_clear()
-    assert precision.quick_compiler_options() is None
+    monkeypatch.setattr(runtime, "_QUICK", ({"xla_no_such_option": 1}, known))
+    runtime.quick_compiler_options.cache_clear()
+    assert runtime.quick_compiler_options() == known
+    monkeypatch.setattr(runtime, "_QUICK", ({"xla_no_such_option": 1},))
+    runtime.quick_compiler_options.cache_clear()
+    assert runtime.quick_compiler_options() is None
     monkeypatch.undo()
-    precision.quick_compiler_options.cache_clear()
+    runtime.quick_compiler_options.cache_clear()
     x = jnp.linspace(0.1, 1, 7)
-    quick = jax.jit(lambda x: jnp.exp(jnp.sin(x)), compiler_options=precision.quick_compiler_options())
+    quick = jax.jit(lambda x: jnp.exp(jnp.sin(x)), compiler_options=runtime.quick_compiler_options())
     np.testing.assert_allclose(quick(x), np.exp(np.sin(np.asarray(x))), rtol=1e-14)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brdfcheck.rational import RationalSurface, best_surface, lower_bound, rows
+from brdfcheck.fits.rational import RationalSurface, best_surface, lower_bound, rows
 
 AXIS = -np.cos(np.pi * np.arange(21) / 20)
 U, V = (axis.ravel() for axis in np.meshgrid(AXIS, AXIS, indexing="ij"))

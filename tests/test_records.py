@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brdfcheck import records
+from brdfcheck.output import records
 from brdfcheck.verdict import Report, Verdict
 from brdfcheck.verdict.side_checks import SideChecks, Witness
 

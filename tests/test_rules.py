@@ -14,14 +14,14 @@ import pytest
 from problems import LOBES, PHONG_POLYNOMIALS, facet_lobe, facet_tables, zonal_tables
 
 import brdfcheck.quadrature
-from brdfcheck.brdf import AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.directional import albedo, peel
-from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PerCosine, PhongExact
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Phong
-from brdfcheck.microfacet import GGX, CookTorrance
-from brdfcheck.quadrature import RULES, exact, montecarlo, product, warped
+from brdfcheck.brdf.base import AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PerCosine, PhongExact
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Phong
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.quadrature import RULES, exact, product, sampling, warped
 from brdfcheck.quadrature import rule as rules
-from brdfcheck.rules import ClosedForm, phong_albedo
+from brdfcheck.quadrature.albedo import albedo, peel
+from brdfcheck.quadrature.closed_form import ClosedForm, phong_albedo
 
 KEY = jax.random.key(7)
 TRACED = {name: rule for name, rule in RULES.items() if not rule.on_host}
@@ -91,7 +91,7 @@ def test_a_rule_knows_nothing_of_lobes():
     for path in Path(brdfcheck.quadrature.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
-                assert node.module not in ("brdfcheck.lobes", "brdfcheck.microfacet"), path.name
+                assert node.module not in ("brdfcheck.brdf.lobes", "brdfcheck.brdf.microfacet"), path.name
 
 
 @pytest.mark.parametrize("name", RULES)
@@ -237,7 +237,7 @@ def test_evaluations_of_the_rules_over_half_vectors_and_on_the_host_are_counted_
 def test_blocks_cover_fine_settings_and_bound_the_memory():
     lobe = Phong(10.0)
     expected = float(albedo(lobe, 0.7).value)
-    for rule, within in ((product.GaussProduct(256), 1e-13), (montecarlo.Sobol(2**18), 1e-5)):
+    for rule, within in ((product.GaussProduct(256), 1e-13), (sampling.Sobol(2**18), 1e-5)):
         found = jax.jit(lambda mu, rule=rule: rule(lobe, mu))(0.7)
         assert int(found.evaluations) > 2**16
         assert float(found.value) == pytest.approx(expected, rel=within)
@@ -404,7 +404,7 @@ def test_derivatives_at_normal_incidence_are_the_limit(name, mode):
 
 
 def test_derivatives_of_what_a_function_closes_over():
-    for rule in (product.GaussProduct(16), montecarlo.CosineMonteCarlo(256), warped.TanhSinh(3)):
+    for rule in (product.GaussProduct(16), sampling.CosineMonteCarlo(256), warped.TanhSinh(3)):
 
         def value(shape, mu, rule=rule):
             return rule(lambda wi, wo: shape[0] * wo[..., 2] + wi[..., 2] ** 2, mu, key=KEY if rule.random else None).value
@@ -449,9 +449,9 @@ def test_wrappers_and_functions_of_a_user():
     [
         (lambda: product.GaussProduct(0), "order must be a whole number >= 1; got 0"),
         (lambda: product.MidpointProduct(2.5), "order must be a whole number"),
-        (lambda: montecarlo.Sobol(1000), "points must be a power of 2; got 1000"),
-        (lambda: montecarlo.R2Lattice(1001), "points must be a multiple of 8; got 1001"),
-        (lambda: montecarlo.LobeMonteCarlo(100), "samples must be a multiple of 8; got 100"),
+        (lambda: sampling.Sobol(1000), "points must be a power of 2; got 1000"),
+        (lambda: sampling.R2Lattice(1001), "points must be a multiple of 8; got 1001"),
+        (lambda: sampling.LobeMonteCarlo(100), "samples must be a multiple of 8; got 100"),
         (lambda: warped.TanhSinh(11), "level must be at most 10; got 11"),
         (lambda: exact.Adaptive(0), "tolerance must be a number between 0 and 1; got 0"),
         (lambda: exact.Zonal()(Phong(3.0), 1.5), r"cos_theta must lie in \[0, 1\]; got 1.5"),

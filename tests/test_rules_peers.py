@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.directional import albedo
-from brdfcheck.lobes import BlinnPhong, Lambert
-from brdfcheck.microfacet import GGX, CookTorrance
-from brdfcheck.peers import PEERS, PeerMissing, mitsuba_peer, peer
+from _instruments.peers import PEERS, PeerMissing, mitsuba_peer, peer
+from brdfcheck.brdf.lobes import BlinnPhong, Lambert
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.quadrature import rule as rules
+from brdfcheck.quadrature.albedo import albedo
 
 pytestmark = pytest.mark.filterwarnings("default")  # what peers say while they are imported is theirs
 KEY = jax.random.key(3)

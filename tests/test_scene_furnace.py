@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import catalog
-from brdfcheck.brdf import AbstractZonalLobe
-from brdfcheck.factors import peel
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.factors import peel
 from brdfcheck.scene.furnace import directional_albedo
 
 EXPONENTS = (0.01, 1.0, 100.0, 1e4, 1e5)

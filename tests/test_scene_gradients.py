@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import catalog
-from brdfcheck.microfacet import CookTorrance
-from brdfcheck.precision import quick_compiler_options
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.microfacet import CookTorrance
+from brdfcheck.runtime import quick_compiler_options
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.lights import Distant

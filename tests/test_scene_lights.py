@@ -10,7 +10,7 @@ import pytest
 
 from brdfcheck.scene import fresnel
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
-from brdfcheck.scene.values import Vector
+from brdfcheck.scene.vectors import Vector
 
 ORIGIN = Vector(*jnp.zeros(3))
 UP = Vector(*jnp.array([0.0, 0.0, 1.0]))

@@ -8,9 +8,9 @@ import numpy as np
 import numpy_shader
 import pytest
 
-from brdfcheck import catalog
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert
-from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.scene import materials
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy_raster import averaged_normals
 
-from brdfcheck.pictures import failures
+from brdfcheck.scene import failures
 from brdfcheck.scene.interpolation import INTERPOLATIONS, area_weights, interpolated, oblique_weights, scan_line_weights
 from brdfcheck.scene.meshes import (
     Mesh,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy_raster as plain
 import pytest
 
-from brdfcheck.pictures import failures
+from brdfcheck.scene import failures
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Distant, Point
 from brdfcheck.scene.materials import Highlight, Surface, Term

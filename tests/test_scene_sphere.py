@@ -12,8 +12,8 @@ import numpy as np
 import numpy_shader
 import pytest
 
-from brdfcheck import catalog
-from brdfcheck.directional import albedo
+from brdfcheck.brdf import catalog
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene import furnace, sphere
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot

@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.factors import Factor, Normalized, PerCosine, PhongExact
-from brdfcheck.family import Family
-from brdfcheck.lobes import BlinnPhong, Lambert, Phong
-from brdfcheck.microfacet import GGX
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf.factors import Factor, Normalized, PerCosine, PhongExact
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.brdf.microfacet import GGX
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.side_checks import SideChecks, direction_pairs, side_checks
 
 

@@ -10,15 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck import stability
-from brdfcheck.directional import albedo
-from brdfcheck.exact_factors import exact_factor
-from brdfcheck.factors import Normalized
-from brdfcheck.family import Family
-from brdfcheck.lobes import BinomialPower, Phong, Schlick
-from brdfcheck.microfacet import GGX, CookTorrance
+from _instruments import stability
+from _instruments.stability import Outcome
+from brdfcheck.brdf.exact_factors import exact_factor
+from brdfcheck.brdf.factors import Normalized
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, Phong, Schlick
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.quadrature import RULES
-from brdfcheck.stability import Outcome
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict, check_family
 
 REFERENCES = stability.read_references(Path(__file__).parent.parent / "studies" / "stability.csv")
@@ -298,7 +298,7 @@ def test_the_adaptive_rule_says_what_it_knows():
 
 
 def test_a_figure_of_every_method():
-    from brdfcheck.plots.outcomes import OUTCOMES, outcome_map, shares
+    from _instruments.outcome_charts import OUTCOMES, outcome_map, shares
 
     assert list(OUTCOMES) == ["holds", "loses digits", "lies", "breaks"]
     lobes = {"phong": {"label": "Phong", "parameters": [1.0, 1e5]}, "ggx": {"label": "GGX", "parameters": [0.5]}}

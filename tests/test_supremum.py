@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck.factors import Factor, Normalized, PerCosine
-from brdfcheck.family import Family
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Phong
-from brdfcheck.microfacet import CookTorrance
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf.factors import Factor, Normalized, PerCosine
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Phong
+from brdfcheck.brdf.microfacet import CookTorrance
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Verdict, judge
 from brdfcheck.verdict.climb import climb
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, supremum

@@ -9,8 +9,8 @@ import jax
 import numpy as np
 import pytest
 
+from _instruments import transport as measure
 from brdfcheck import Factor, Lambert, Normalized, Phong, transport
-from brdfcheck.transport import measure
 from brdfcheck.transport.styles import LABELS, SOLVERS
 
 KEY = jax.random.key(0)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck import BlinnPhong, CookTorrance, Factor, Lambert, Normalized, Phong, PhongExact, catalog, transport
+from brdfcheck import BlinnPhong, CookTorrance, Factor, Lambert, Normalized, Phong, PhongExact, transport
+from brdfcheck.brdf import catalog
 from brdfcheck.transport import Status, angular
 
 KEY = jax.random.key(7)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import brdfcheck
-from brdfcheck.factors import BlinnPhongExact, Factor, Normalized, PhongExact
-from brdfcheck.family import Family
-from brdfcheck.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
-from brdfcheck.microfacet import GGX, CookTorrance
+from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PhongExact
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, as_family, check, check_family, judge
 
 CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
@@ -242,7 +242,7 @@ def test_the_worst_channel_decides() -> None:
 
 
 def test_an_infinite_albedo_violates() -> None:
-    from brdfcheck.factors import PerCosine
+    from brdfcheck.brdf.factors import PerCosine
 
     report = check(PerCosine(Normalized(Phong(5.0), PhongExact())))
     assert report.verdict is VIOLATES

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.lobes import Phong
-from brdfcheck.peers import PEERS, AbstractPeer
-from brdfcheck.plots import precision
+from _instruments import charts
+from _instruments.peers import PEERS, AbstractPeer
+from _instruments.work_precision import Case, measure, measure_all, single
+from brdfcheck.brdf.lobes import Phong
 from brdfcheck.quadrature import RULES
 from brdfcheck.quadrature.rule import Raw
-from brdfcheck.work_precision import Case, measure, measure_all, single
 
 SMOOTH = Case("smooth", "Phong", Phong(10.0), 10.0, 0.7, 0.3666790309883656274900)
 
@@ -146,25 +146,25 @@ def test_the_reference_is_no_contender():
 
 def test_the_frontier():
     points = [(1.0, 1e-2), (2.0, 1e-1), (3.0, 1e-5), (3.0, 1e-7), (4.0, float("nan")), (5.0, 1e-6)]
-    assert precision.frontier(points) == [(1.0, 1e-2), (3.0, 1e-7)]
+    assert charts.frontier(points) == [(1.0, 1e-2), (3.0, 1e-7)]
     # No digit is no place on it, and which error below the rounding is smallest is luck.
     lucky = [(0.5, 1.0), (1.0, 1e-2), (2.0, 3e-16), (3.0, 1e-17)]
-    assert precision.frontier(lucky, 1e-15, 0.5) == [(1.0, 1e-2), (2.0, 1e-15)]
+    assert charts.frontier(lucky, 1e-15, 0.5) == [(1.0, 1e-2), (2.0, 1e-15)]
 
 
 def test_every_rule_and_peer_has_a_colour():
-    assert set(precision.RULES) == {*RULES, *PEERS}
-    assert set(PEERS) == precision.PEERS
-    assert len(set(precision.RULES.values())) == len(precision.RULES)  # no two look alike
+    assert set(charts.RULES) == {*RULES, *PEERS}
+    assert set(PEERS) == charts.PEERS
+    assert len(set(charts.RULES.values())) == len(charts.RULES)  # no two look alike
 
 
 def test_labels_are_moved_apart():
     """Far ones stay; a bunch spreads about its middle, and a bunch that grows into its neighbour takes it in."""
-    places = precision.apart([1.0, 10.0, 10.5, 11.0, 1000.0], 1.5)
+    places = charts.apart([1.0, 10.0, 10.5, 11.0, 1000.0], 1.5)
     assert places[0] == pytest.approx(1)
     assert places[-1] == pytest.approx(1000)
     assert np.all(np.diff(np.log(places)) >= np.log(1.5) * (1 - 1e-12))
     assert np.prod(places[1:4]) == pytest.approx(10 * 10.5 * 11)
-    found = precision.label_places([(1.0, 2.0, "a"), (3.0, 2.1, "a"), (5.0, 2.0, "b")], {"a": max}, 1.2)
+    found = charts.label_places([(1.0, 2.0, "a"), (3.0, 2.1, "a"), (5.0, 2.0, "b")], {"a": max}, 1.2)
     assert [x for x, _ in found] == [3.0, 3.0, 5.0]
     assert found[1][1] / found[0][1] == pytest.approx(1.2)

@@ -18,9 +18,9 @@ from problems import (
     zonal_tables,
 )
 
-from brdfcheck.directional import albedo
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
+from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.polar import Order, graded_gauss
 from brdfcheck.quadrature.zonal import zonal_weights
 
@@ -147,7 +147,7 @@ def test_too_few_nodes_are_noticed_by_the_error_bar():
 
 
 def test_a_factor_one_percent_too_large_is_seen():
-    from brdfcheck.factors import Factor, Normalized
+    from brdfcheck.brdf.factors import Factor, Normalized
 
     planted = Normalized(Phong(50.0), Factor(2, 2 * np.pi / 1.01))
     result = albedo(planted, 1.0)

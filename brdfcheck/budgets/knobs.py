@@ -18,16 +18,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck import catalog
-from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.exact_factors import exact_factor
+from brdfcheck.brdf.factors import Constant, Normalized, peel
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.budgets.scenes import Scene
-from brdfcheck.exact_factors import exact_factor
-from brdfcheck.factors import Constant, Normalized, peel
-from brdfcheck.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Metal, NotConserving, Surface, Term, Translucent
 from brdfcheck.scene.shading import AbstractMaterial, Place, meetings
-from brdfcheck.scene.values import Vector, power, spread
+from brdfcheck.scene.vectors import Vector, power, spread
 
 
 @dataclass(frozen=True)

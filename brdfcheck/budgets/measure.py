@@ -1,7 +1,7 @@
 """What each rung errs and costs in a scene, and the budget for a tolerance, verified by rendering it.
 
 The reference is the full model: every knob at its dearest rung. Errors are those of pictures. Costs are the work of programs
-(`brdfcheck.budgets.work`), as shares of the full model's: the same in every process, so that the choice is, and stays monotone
+(`brdfcheck.operations`), as shares of the full model's: the same in every process, so that the choice is, and stays monotone
 in the tolerance. Time is measured of the choice alone, beside the full model: it says what is really saved, and a combination
 that takes longer against the model's word is not chosen.
 """
@@ -23,8 +23,8 @@ from brdfcheck.budgets.programs import Beside, Compiler, Image, Program, beside
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
-from brdfcheck.pictures.colour import encode_srgb
-from brdfcheck.precision import double_precision
+from brdfcheck.runtime import double_precision
+from brdfcheck.scene.colour import encode_srgb
 from brdfcheck.scene.materials import NotConserving
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.

@@ -13,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.brdf import AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.factors import peel
+from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.budgets.knobs import Plan, plain
 from brdfcheck.budgets.room import at_middle, irradiance, room_numbers
 from brdfcheck.budgets.scenes import Scene
-from brdfcheck.budgets.work import traced
-from brdfcheck.factors import peel
-from brdfcheck.lobes import Lambert
+from brdfcheck.operations import traced
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
 from brdfcheck.scene.lights import Environment
@@ -28,7 +28,7 @@ from brdfcheck.scene.meshes import Mesh, icosphere
 from brdfcheck.scene.shading import shade
 from brdfcheck.scene.smooth import shade_mesh
 from brdfcheck.scene.sphere import seen_sphere
-from brdfcheck.scene.values import Vector, dot, spread
+from brdfcheck.scene.vectors import Vector, dot, spread
 
 Image = Float[np.ndarray, "3 height width"]
 # Of points, normals and views in three fields each, or arrays of the shape (3, ...).

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck import plots, records
+from brdfcheck import plots
 from brdfcheck.budgets.choice import Fault
 from brdfcheck.budgets.measure import Budget, Rung
-from brdfcheck.pictures.colour import encode_srgb
-from brdfcheck.pictures.drawing import color_scale, false_color, stacked
-from brdfcheck.pictures.images import contact_sheet
+from brdfcheck.output import records
+from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.scene.drawing import color_scale, false_color, stacked
+from brdfcheck.scene.images import contact_sheet
 
 _LEAST, _MOST = 1e-8, 1.0
 _COLOR, _GREY = "#D55E00", "#888888"

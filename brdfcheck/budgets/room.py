@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.budgets.scenes import Room
-from brdfcheck.quadrature.gauss import gauss
-from brdfcheck.scene.values import Vector
+from brdfcheck.numerics import gauss
+from brdfcheck.scene.vectors import Vector
 from brdfcheck.transport import box
 
 # The wall y = b of the box: upwards in the image of the usual camera.

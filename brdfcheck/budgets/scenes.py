@@ -1,6 +1,6 @@
 """Scenes with what a budget needs to know besides: the output, what matters, and the room around the object.
 
-The file is that of ``brdfcheck render`` (`brdfcheck.pictures.scene_files`) and three tables more, each optional:
+The file is that of ``brdfcheck render`` (`brdfcheck.scene.files`) and three tables more, each optional:
 
     [output]
     bits = 8                     # 8 or 16
@@ -29,7 +29,7 @@ from typing import Any
 
 from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.pictures import scene_files
+from brdfcheck.scene import files as scene_files
 from brdfcheck.scene.materials import Surface
 
 TRANSFERS = ("srgb", "linear")

@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-import brdfcheck
+from brdfcheck import __version__
 from brdfcheck.messages import UsageError, one_line
 
 
@@ -77,7 +77,7 @@ Exit codes:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"brdfcheck {brdfcheck.__version__}")
+        typer.echo(f"brdfcheck {__version__}")
         raise typer.Exit()
 
 
@@ -100,7 +100,7 @@ def refuse_outputs(outputs: Mapping[str, str | None]) -> None:
 
     "-" and None pass: stdout, and nothing to write.
     """
-    from brdfcheck.records import refuse_output
+    from brdfcheck.output.records import refuse_output
 
     seen: dict[str, str] = {}
     for option, path in outputs.items():
@@ -116,7 +116,7 @@ def refuse_outputs(outputs: Mapping[str, str | None]) -> None:
 
 def start() -> None:
     """Double precision and the compilation cache, before anything is computed."""
-    from brdfcheck.precision import use_compilation_cache, use_x64
+    from brdfcheck.runtime import use_compilation_cache, use_x64
 
     use_x64()
     use_compilation_cache()

@@ -96,7 +96,7 @@ def _run(scene: str | None, tolerance: str | None, json: str | None, chart: str 
 def _write(budget: Budget, target: Output, json: str | None, chart: str | None, images: str | None) -> None:
     from brdfcheck import plots
     from brdfcheck.budgets import report
-    from brdfcheck.records import to_json
+    from brdfcheck.output.records import to_json
 
     record = report.document(budget)
     if json is not None:
@@ -112,7 +112,7 @@ def _write(budget: Budget, target: Output, json: str | None, chart: str | None, 
         save(chart, plots.to_bytes(report.chart(record), Path(chart).suffix.lower()), "--output")
         target.line(f"wrote {chart}")
     if images is not None:
-        from brdfcheck.pictures.images import png_bytes
+        from brdfcheck.scene.images import png_bytes
 
         save(images, png_bytes(report.pictures(budget), 8), "--images")
         target.line(f"wrote {images}")

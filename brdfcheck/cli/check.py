@@ -18,12 +18,12 @@ import typer
 
 from brdfcheck.cli.app import EXIT_CODES, Debug, ExitCode, Filter, Json, Task, app, filtered, refuse_outputs, start
 from brdfcheck.cli.output import Output, save
+from brdfcheck.cli.words import parse_cosines, parse_number, parse_over
 from brdfcheck.cores import available_cores
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.user_brdf import parse_cosines, parse_number, parse_over
 
 if TYPE_CHECKING:
-    from brdfcheck.user_brdf import Target
+    from brdfcheck.brdf.subject import Target
     from brdfcheck.verdict import Report
 
 
@@ -177,8 +177,10 @@ def _settings(tolerance: str, rtol: str | None, jobs: str | None, substring: str
 def _run_check(settings: _Settings, debug: bool) -> int:
     began = time.perf_counter()
     start()
-    from brdfcheck import catalog, console, records
-    from brdfcheck.user_brdf import resolve
+    from brdfcheck.brdf import catalog
+    from brdfcheck.brdf.subject import resolve
+    from brdfcheck.output import records
+    from brdfcheck.output import text as console
 
     output = Output(settings.json)
     names = settings.names or [entry.name for entry in catalog.entries() if entry.validated]
@@ -209,7 +211,7 @@ def _run_check(settings: _Settings, debug: bool) -> int:
                 output.line(records.github_error(title, console.message(report), **place))
     if settings.junit:
         messages = [console.message(report) for report in reports]
-        classes = ["brdfcheck.user" if target.file else "brdfcheck.catalog" for target in targets]
+        classes = ["brdfcheck.user" if target.file else "brdfcheck.brdf.catalog" for target in targets]
         text = records.to_junit(reports, messages, seconds=seconds, classnames=classes)
         save(settings.junit, text, "--junitxml")
     if settings.json:
@@ -224,8 +226,10 @@ def _run_check(settings: _Settings, debug: bool) -> int:
 def _run_audit(settings: _Settings, debug: bool) -> int:
     began = time.perf_counter()
     start()
-    from brdfcheck import catalog, console, records
-    from brdfcheck.user_brdf import Target
+    from brdfcheck.brdf import catalog
+    from brdfcheck.brdf.subject import Target
+    from brdfcheck.output import records
+    from brdfcheck.output import text as console
 
     output = Output(settings.json)
     published = {entry.name: entry for entry in catalog.entries() if not entry.validated}
@@ -345,7 +349,7 @@ def _origin(target: Target) -> dict[str, Any]:
     """Where a checked BRDF comes from, for the record."""
     if target.file is not None:
         return {"origin": "user", "file": target.file, "line": target.line}
-    from brdfcheck import catalog
+    from brdfcheck.brdf import catalog
 
     entry = catalog.entry(target.family.name)
     return {"origin": "catalog", "formula": entry.formula, "source": entry.source}
@@ -354,7 +358,7 @@ def _origin(target: Target) -> dict[str, Any]:
 def _write_json(
     command: str, results: list[dict[str, Any]], settings: _Settings, summary: Mapping[str, Any], output: Output
 ) -> None:
-    from brdfcheck import records
+    from brdfcheck.output import records
 
     shown = {
         "names": list(settings.names),

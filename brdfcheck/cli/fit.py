@@ -15,15 +15,15 @@ import typer
 
 from brdfcheck.cli.app import Debug, ExitCode, Json, Task, app, refuse_outputs, start
 from brdfcheck.cli.output import Output, save
+from brdfcheck.cli.words import Range, parse_over, parse_range
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.user_brdf import Range, parse_over, parse_range
 
 if TYPE_CHECKING:
-    from brdfcheck.fit import FactorFit
-    from brdfcheck.ladder import Rung
-    from brdfcheck.user_brdf import Target
+    from brdfcheck.brdf.subject import Target
+    from brdfcheck.fits.factor import FactorFit
+    from brdfcheck.fits.ladder import Rung
 
-# As in `brdfcheck.fit` and `brdfcheck.export`, which are not imported before the words are known to be right.
+# As in `brdfcheck.fits.factor` and `brdfcheck.export`, which are not imported before the words are known to be right.
 _OBJECTIVES = ("minimax", "least-squares", "reciprocal")
 _SAMPLINGS = ("geometric", "linear", "integers")
 _KINDS = ("glsl", "c", "csv", "npy", "exr")
@@ -127,10 +127,10 @@ def _run_fit(
 ) -> int:
     began = time.perf_counter()
     start()
-    from brdfcheck import records
-    from brdfcheck.callables import Finding
-    from brdfcheck.fit import fit_factor, to_json_object
-    from brdfcheck.ladder import factor_ladder
+    from brdfcheck.brdf.callables import Finding
+    from brdfcheck.fits.factor import fit_factor, to_json_object
+    from brdfcheck.fits.ladder import factor_ladder
+    from brdfcheck.output import records
 
     output = Output("-" if export is not None and export[1] == "-" else json)
     with contextlib.redirect_stdout(sys.stderr):
@@ -179,10 +179,11 @@ def _run_fit(
 
 
 def _target(name: str, exponents: Range, held: dict[str, Range]) -> Target:
-    from brdfcheck.user_brdf import is_file_spec, resolve
+    from brdfcheck.brdf.readers.python import is_file_spec
+    from brdfcheck.brdf.subject import resolve
 
     if not is_file_spec(name):
-        from brdfcheck import catalog
+        from brdfcheck.brdf import catalog
 
         # A lobe without an exponent is told so, rather than that the option --over knows no n.
         with contextlib.suppress(KeyError):
@@ -212,8 +213,8 @@ def _complain(output: Output, name: str, text: str) -> int:
 
 
 def _lines(fit: FactorFit) -> list[str]:
-    from brdfcheck import console
-    from brdfcheck.fit import describe
+    from brdfcheck.fits.factor import describe
+    from brdfcheck.output import text as console
 
     report = fit.report
     swept = f"n={console.exact(fit.n[0])}:{console.exact(fit.n[1])}"
@@ -264,7 +265,7 @@ def _rounded(value: float, digits: int, *, up: bool) -> str:
 
 
 def _ladder_lines(rungs: Sequence[Rung]) -> list[str]:
-    from brdfcheck.fit import describe
+    from brdfcheck.fits.factor import describe
 
     if not rungs:
         return []
@@ -297,8 +298,8 @@ def _ladder_lines(rungs: Sequence[Rung]) -> list[str]:
 
 def _exported(kind: str, fit: FactorFit) -> Any:
     """What is exported: a small rational function for source text, a grid for tables."""
-    from brdfcheck.compact import fit_albedo
-    from brdfcheck.surfaces import tabulate
+    from brdfcheck.fits.grids import tabulate
+    from brdfcheck.fits.surface import fit_albedo
 
     content = fit_albedo(fit.family) if kind in ("glsl", "c") else tabulate(fit.family)
     # Of a function it cannot be seen that a factor is on it.
@@ -306,7 +307,8 @@ def _exported(kind: str, fit: FactorFit) -> Any:
 
 
 def _write(export: tuple[str, str], content: Any, fit: FactorFit, words: Sequence[str], output: Output) -> str:
-    from brdfcheck.export import c_snippet, glsl_snippet, write_table
+    from brdfcheck.output.source import c_snippet, glsl_snippet
+    from brdfcheck.output.table_files import write_table
 
     kind, path = export
     command = shlex.join(["brdfcheck", "fit", *words])
@@ -331,8 +333,8 @@ def _write(export: tuple[str, str], content: Any, fit: FactorFit, words: Sequenc
 
 
 def _rung_json(rung: Rung) -> dict[str, Any]:
-    from brdfcheck import records
-    from brdfcheck.fit import factor_json
+    from brdfcheck.fits.factor import factor_json
+    from brdfcheck.output import records
 
     return {
         "form": rung.form,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import brdfcheck
+from brdfcheck import __version__
 from brdfcheck.cli.app import Debug, ExitCode, Filter, Json, Task, app, filtered, refuse_outputs
 from brdfcheck.cli.output import Output, save
 
@@ -21,10 +21,11 @@ def _list(substring: Filter = "", json: Json = None, debug: Debug = False) -> Ta
 
 
 def _run_list(substring: str, json: str | None) -> int:
-    from brdfcheck import records
+    from brdfcheck.output import records
 
     refuse_outputs({"--json": json})
-    from brdfcheck import catalog, console
+    from brdfcheck.brdf import catalog
+    from brdfcheck.output import text as console
 
     output = Output(json)
     kept = set(filtered(catalog.names(), substring))
@@ -50,7 +51,7 @@ def _run_list(substring: str, json: str | None) -> int:
             {
                 "schema": "brdfcheck-catalog",
                 "schema_version": records.SCHEMA_VERSION,
-                "brdfcheck": brdfcheck.__version__,
+                "brdfcheck": __version__,
                 "entries": entries,
             }
         )

@@ -194,7 +194,7 @@ def discard(stream: TextIO) -> None:
 
 def save(path: str, content: str | bytes, option: str) -> None:
     """Write a file whole or not at all. UsageError, which names the option, where that is not possible."""
-    from brdfcheck.records import write_atomically
+    from brdfcheck.output.records import write_atomically
 
     try:
         write_atomically(path, content)

@@ -16,13 +16,13 @@ import typer
 
 from brdfcheck.cli.app import Debug, ExitCode, Json, Task, app, refuse_outputs, start
 from brdfcheck.cli.output import Output, save
+from brdfcheck.cli.words import Range, parse_cosines, parse_number, parse_over, parse_range
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.user_brdf import Range, parse_cosines, parse_number, parse_over, parse_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from brdfcheck.user_brdf import Target
+    from brdfcheck.brdf.subject import Target
 
 Curve = dict[str, Any]
 
@@ -210,7 +210,7 @@ def _run_plot(settings: _Settings) -> int:
 
 def _curves(settings: _Settings, output: Output) -> list[Curve]:
     """The curves in the order of the words. Files come first to be read: a mistake there is said before anything long."""
-    from brdfcheck import curve_files
+    from brdfcheck.output import curve_files
 
     found: dict[str, list[Curve]] = {}
     fits: dict[str, list[dict[str, Any]]] = {}
@@ -236,13 +236,13 @@ def _curves(settings: _Settings, output: Output) -> list[Curve]:
 
 
 def _is_file(word: str) -> bool:
-    from brdfcheck.curve_files import is_curve_file
+    from brdfcheck.output.curve_files import is_curve_file
 
     if word.endswith((".json", ".zarr", ".zarr/")):
         return True
     if not is_curve_file(word):
         return False
-    from brdfcheck import catalog  # a folder may have the name of a lobe
+    from brdfcheck.brdf import catalog  # a folder may have the name of a lobe
 
     return word not in catalog.names()
 
@@ -262,8 +262,8 @@ def _computed(
     names: Sequence[str], fits: Mapping[str, Sequence[Mapping[str, Any]]], settings: _Settings, output: Output
 ) -> dict[str, list[Curve]]:
     """The curves of BRDFs and of fitted factors."""
-    from brdfcheck import curves
-    from brdfcheck.user_brdf import resolve
+    from brdfcheck.brdf.subject import resolve
+    from brdfcheck.output import curves
 
     targets = resolve(names, settings.over, settings.cos_theta) if names else []
     start()  # a user's file may have changed the precision
@@ -303,7 +303,7 @@ def _job(compute: Callable[..., Curve], family: Any, target: Target, **options: 
 
 def _over_angles(target: Target, count: int, settings: _Settings) -> list[Callable[[], Curve]]:
     """One curve for each value of the parameter: those asked for, or a few round ones."""
-    from brdfcheck import curves
+    from brdfcheck.output import curves
 
     family = target.family
     try:
@@ -339,8 +339,9 @@ def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output)
 
 
 def _fit_job(word: str, result: Mapping[str, Any], settings: _Settings) -> Callable[[], Curve]:
-    from brdfcheck import curves
-    from brdfcheck.user_brdf import is_file_spec, resolve
+    from brdfcheck.brdf.readers.python import is_file_spec
+    from brdfcheck.brdf.subject import resolve
+    from brdfcheck.output import curves
 
     def job() -> Curve:
         try:
@@ -355,7 +356,7 @@ def _fit_job(word: str, result: Mapping[str, Any], settings: _Settings) -> Calla
 
 def _asked(job: Callable[[], Curve], word: str, settings: _Settings) -> Curve:
     """The curve; what is wrong with a BRDF, or with what was asked of it, in one line."""
-    from brdfcheck.callables import Finding
+    from brdfcheck.brdf.callables import Finding
 
     try:
         curve = job()
@@ -407,7 +408,7 @@ def _line(curve: Curve) -> str:
 
 
 def _record(curves: Sequence[Curve], settings: _Settings) -> str:
-    from brdfcheck import records
+    from brdfcheck.output import records
 
     shown = {
         "kind": settings.kind,

@@ -74,7 +74,7 @@ def _render(
 
 
 def _list() -> int:
-    from brdfcheck.pictures.presets import PRESETS
+    from brdfcheck.scene.presets import PRESETS
 
     output = Output(None)
     width = max(map(len, PRESETS))
@@ -93,8 +93,8 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
     if bits not in ("8", "16"):
         raise UsageError(f"--bits: must be 8 or 16; got {one_line(bits)!r}")
     refuse_outputs({"--output": target})
-    from brdfcheck.pictures.canvas import QUALITIES, averaged
-    from brdfcheck.pictures.presets import named, render_preset
+    from brdfcheck.scene.canvas import QUALITIES, averaged
+    from brdfcheck.scene.presets import named, render_preset
 
     if quality not in QUALITIES:
         raise UsageError(f"--quality: must be one of {', '.join(QUALITIES)}; got {one_line(quality)!r}")
@@ -103,11 +103,11 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
     pixels = None if size is None else _size(size, _MOST // samples, square=not is_scene)
     output = Output(None)
     start()
-    from brdfcheck.pictures.images import write_image
+    from brdfcheck.scene.images import write_image
 
     began = time.perf_counter()
     if is_scene:
-        from brdfcheck.pictures.scene_files import read_scene
+        from brdfcheck.scene.files import read_scene
 
         scene = read_scene(what)
         height, width = pixels or scene.size

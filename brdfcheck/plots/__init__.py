@@ -1,6 +1,6 @@
 """Figures from records: nothing is computed here, and what computes (JAX) is never imported.
 
-`figure` makes a matplotlib Figure of the curves of `brdfcheck.curves`, `save` writes it. One record gives the same bytes
+`figure` makes a matplotlib Figure of the curves of `brdfcheck.output.curves`, `save` writes it. One record gives the same bytes
 in every process. Figures do not belong to pyplot: nothing global changes, nothing has to be closed.
 """
 
@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from brdfcheck.plots.styles import superscript as superscript
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +75,7 @@ def to_bytes(figure: Figure, suffix: str) -> bytes:
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write the figure whole or not at all, in the format of the suffix. OSError where it cannot be written."""
-    from brdfcheck.records import write_atomically
+    from brdfcheck.output.records import write_atomically
 
     write_atomically(path, to_bytes(figure, Path(path).suffix.lower()))
 
@@ -100,8 +102,3 @@ def text_of(value: float, digits: int = 5) -> str:
     from brdfcheck.plots import paper
 
     return paper.text_of(value, digits)
-
-
-def superscript(exponent: int) -> str:
-    """An exponent in plain characters, which any output format draws as text: ⁻¹⁶."""
-    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

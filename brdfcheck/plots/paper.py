@@ -16,8 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from brdfcheck.plots import superscript
-from brdfcheck.plots.styles import Style, ink, shade
+from brdfcheck.plots.styles import Style, ink, shade, superscript
 
 Interval = tuple[float, float]
 

@@ -13,12 +13,11 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from brdfcheck.quadrature.registry import RULES as RULES
     from brdfcheck.quadrature.rule import AbstractRule as AbstractRule
     from brdfcheck.quadrature.rule import Estimate as Estimate
-    from brdfcheck.rules import RULES as RULES
 
-# The registry is a floor above: the closed forms know the lobes, which no file in this folder does.
-_HOME = {"AbstractRule": "quadrature.rule", "Estimate": "quadrature.rule", "RULES": "rules"}
+_HOME = {"AbstractRule": "rule", "Estimate": "rule", "RULES": "registry"}
 
 __all__ = ["RULES", "AbstractRule", "Estimate"]
 
@@ -26,7 +25,7 @@ __all__ = ["RULES", "AbstractRule", "Estimate"]
 def __getattr__(name: str) -> object:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"brdfcheck.{_HOME[name]}"), name)
+    value = getattr(importlib.import_module(f"brdfcheck.quadrature.{_HOME[name]}"), name)
     globals()[name] = value
     return value
 

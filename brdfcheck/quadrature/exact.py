@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.callables import Evaluator, constant
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.callables import Evaluator, constant
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
 from brdfcheck.quadrature.polar import Order

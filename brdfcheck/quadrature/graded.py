@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.numerics import gauss
 
 # The longest side of the triangles (radians), and how far from b = 0 the nodes of the rectangles beyond are crowded.
 _CORE = 0.4

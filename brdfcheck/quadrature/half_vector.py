@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import AbstractMicrofacetLobe
-from brdfcheck.quadrature.gauss import gauss
-from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes, safe_root
+from brdfcheck.brdf.base import AbstractMicrofacetLobe
+from brdfcheck.geometry import safe_root
+from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
 
 _TINY = 1e-18
 

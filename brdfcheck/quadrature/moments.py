@@ -25,9 +25,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import Form
-from brdfcheck.quadrature.gauss import gauss
-from brdfcheck.quadrature.polar import EDGE_SHARE, graded_gauss, grazing_safe, half_elevation, safe_root
+from brdfcheck.brdf.base import Form
+from brdfcheck.geometry import safe_root
+from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.polar import EDGE_SHARE, graded_gauss, grazing_safe, half_elevation
 
 Measure = Literal["versine", "angle"]
 

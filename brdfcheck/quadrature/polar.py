@@ -28,9 +28,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import Form
-from brdfcheck.geometry import safe_root as safe_root
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.brdf.base import Form
+from brdfcheck.geometry import safe_root
+from brdfcheck.numerics import gauss
 
 # Smaller cosines than this count as this one, so that none is 0. Its square is normal in float32.
 _SMALLEST_COSINE = 1e-18

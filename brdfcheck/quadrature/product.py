@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.rule import AbstractLightRule, Raw, block_count, by_blocks, checked_count, evaluate, on_sphere
 
 

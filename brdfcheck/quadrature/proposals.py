@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.brdf import AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.quadrature.polar import safe_root
+from brdfcheck.brdf.base import AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.geometry import safe_root
 from brdfcheck.quadrature.rule import light
 
 # The power-like lobes say width = 1/sqrt(n + 0.05).

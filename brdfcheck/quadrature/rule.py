@@ -19,9 +19,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.factors import peel
-from brdfcheck.quadrature.polar import safe_root
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.factors import peel
+from brdfcheck.geometry import safe_root
 
 # Directions evaluated together; bounds the memory of fine settings.
 _BLOCK = 2**16

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.product import circle
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.quadrature.rule import (

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import Form
+from brdfcheck.brdf.base import Form
 from brdfcheck.quadrature.polar import EDGE_SHARE, Order, grazing_safe, polar_nodes
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.scene.values import polar, scalar, shown, unit, vector_of
+from brdfcheck.scene.vectors import polar, scalar, shown, unit, vector_of
 
 Size = tuple[int, int]
 

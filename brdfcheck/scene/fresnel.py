@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from brdfcheck.microfacet import fresnel_dielectric as exact_of_f0
-from brdfcheck.microfacet import fresnel_schlick as schlick
-from brdfcheck.scene.values import TINY
+from brdfcheck.brdf.microfacet import fresnel_dielectric as exact_of_f0
+from brdfcheck.brdf.microfacet import fresnel_schlick as schlick
+from brdfcheck.scene.vectors import TINY
 
 FRESNELS = {"exact": exact_of_f0, "schlick": schlick}
 """By name: functions of (cosine, reflectance at normal incidence), each in [0, 1]."""

@@ -16,12 +16,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.factors import peel
-from brdfcheck.quadrature.gauss import gauss
-from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes, safe_root
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.factors import peel
+from brdfcheck.geometry import safe_root
+from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
 from brdfcheck.scene.fresnel import FRESNELS
-from brdfcheck.scene.values import TINY
+from brdfcheck.scene.vectors import TINY
 
 # Nodes for 1e-5 with the catalogue's lobes: polar ones in each smooth piece, and in azimuth in each piece of half a circle.
 _POLAR, _AZIMUTH = Order(20, 40), 8

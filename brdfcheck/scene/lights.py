@@ -17,20 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.scene.values import (
-    TINY,
-    Vector,
-    checked,
-    choose,
-    color_of,
-    cross,
-    dot,
-    polar,
-    power,
-    scalar,
-    unit,
-    vector_of,
-)
+from brdfcheck.scene.vectors import TINY, Vector, checked, choose, color_of, cross, dot, polar, power, scalar, unit, vector_of
 
 
 class AbstractLight(eqx.Module):

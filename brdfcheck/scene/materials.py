@@ -13,15 +13,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck import catalog
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.factors import peel
-from brdfcheck.lobes import Lambert
-from brdfcheck.precision import double_precision
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.factors import peel
+from brdfcheck.brdf.lobes import Lambert
+from brdfcheck.runtime import double_precision
 from brdfcheck.scene.fresnel import FRESNELS
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
 from brdfcheck.scene.shading import AbstractMaterial, Meeting, Place, meetings, reflected
-from brdfcheck.scene.values import TINY, checked, color_of, power, scalar, spread
+from brdfcheck.scene.vectors import TINY, checked, color_of, power, scalar, spread
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check
 
 # The least slope of facets: its square stays far from the least number of single precision.

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from brdfcheck.scene.values import checked, scalar, unit
+from brdfcheck.scene.vectors import checked, scalar, unit
 
 Weighting = Literal["unit", "area"]
 

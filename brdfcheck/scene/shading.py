@@ -16,11 +16,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.factors import peel
-from brdfcheck.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.factors import peel
+from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
-from brdfcheck.scene.values import TINY, Vector, dot, power, spread
+from brdfcheck.scene.vectors import TINY, Vector, dot, power, spread
 
 
 class Place:

@@ -20,7 +20,7 @@ from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
 from brdfcheck.scene.raster import Fragments, rasterise
 from brdfcheck.scene.shading import shade
-from brdfcheck.scene.values import backdrop_of, checked
+from brdfcheck.scene.vectors import backdrop_of, checked
 
 Shader = Callable[[Array, Array, Array], Array]
 Image = Float[Array, "3 height width"]

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight
 from brdfcheck.scene.shading import AbstractMaterial, shade
-from brdfcheck.scene.values import Vector, backdrop_of, dot, spread, verified
+from brdfcheck.scene.vectors import Vector, backdrop_of, dot, spread, verified
 
 _USUAL_EYE = (0.0, 0.0, 5.0)
 

@@ -29,7 +29,7 @@ from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
 from brdfcheck.scene.materials import Translucent
 from brdfcheck.scene.shading import AbstractMaterial, shade
 from brdfcheck.scene.sphere import sphere_image
-from brdfcheck.scene.values import Vector, color_of, scalar, unit, vector_of
+from brdfcheck.scene.vectors import Vector, color_of, scalar, unit, vector_of
 
 # Pixels that walk through the tree together: few enough that a block of sky ends at once, enough to keep the loops wide.
 _BLOCK = 8192

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.callables import Evaluator, Finding
-from brdfcheck.directional import one, peel
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import one_line
-from brdfcheck.precision import double_precision
+from brdfcheck.quadrature.albedo import one, peel
+from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
 from brdfcheck.sweep.subjects import of_type
 

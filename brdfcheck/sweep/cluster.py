@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.precision import use_compilation_cache
+from brdfcheck.runtime import use_compilation_cache
 from brdfcheck.sweep import config, provenance
 from brdfcheck.sweep.compute import Computer, Result
 from brdfcheck.sweep.errors import SweepError

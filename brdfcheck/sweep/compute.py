@@ -20,15 +20,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from brdfcheck.callables import Evaluator, Finding
-from brdfcheck.directional import adaptive_albedo, batch_size, batched, peel
+from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.precision import double_precision
+from brdfcheck.quadrature.albedo import adaptive_albedo, batch_size, batched, peel
+from brdfcheck.quadrature.tables import albedo_table
+from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.cells import CELL, dtype_of, evaluator, of_cell
 from brdfcheck.sweep.config import ANGLES, CHOICES
 from brdfcheck.sweep.plan import Chunk, Plan
 from brdfcheck.sweep.subjects import of_type
-from brdfcheck.tables import albedo_table
 
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.

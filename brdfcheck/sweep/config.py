@@ -12,7 +12,7 @@
     [chunks]                                # optional
     cos_theta = 30
 
-A rule is "default", the best that the BRDF offers, or a name of `brdfcheck.rules`, as it is or with its setting:
+A rule is "default", the best that the BRDF offers, or a name of `brdfcheck.quadrature.registry`, as it is or with its setting:
 "zonal", "gauss-product:64". `seed` (0 by default) is for rules that draw at random.
 
 What is wrong with the file is a `UsageError` in one line that names the place, the value and what is allowed.

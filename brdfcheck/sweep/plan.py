@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.precision import double_precision
+from brdfcheck.runtime import double_precision
 from brdfcheck.sweep import subjects
 from brdfcheck.sweep.cells import channels
 from brdfcheck.sweep.config import ANGLES, CHOICES, Axis, Config
@@ -177,8 +177,8 @@ class Plan:
         return "rule"
 
     def rule(self, text: str) -> Any:
-        """The rule of `brdfcheck.rules` behind "name" or "name:setting". UsageError where there is none."""
-        from brdfcheck.rules import RULES
+        """The rule of `brdfcheck.quadrature.closed_form` behind "name" or "name:setting". UsageError where there is none."""
+        from brdfcheck.quadrature.registry import RULES
 
         name, colon, setting = text.partition(":")
         if name not in RULES:

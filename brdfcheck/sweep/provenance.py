@@ -10,13 +10,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from brdfcheck import records
+from brdfcheck.output import records
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-# The modules that a sweep computes with. Others may change between a run and its continuation.
+# What a sweep computes with: modules and folders. Others may change between a run and its continuation.
 _COMPUTING = (
-    "geometry", "precision", "cores", "brdf", "family", "messages", "documents", "lobes", "microfacet", "factors", "callables",
-    "catalog", "directional", "exact_factors", "interruption", "rules", "tables", "user_brdf",
+    "geometry", "numerics", "runtime", "cores", "messages", "documents", "interruption", "brdf", "quadrature", "sweep",
 )  # fmt: skip
 
 
@@ -34,8 +33,7 @@ def versions() -> dict[str, str]:
 @functools.cache
 def source_digest() -> str:
     """SHA-256 of the modules that a sweep computes with, in hexadecimal."""
-    files = [_PACKAGE / f"{name}.py" for name in _COMPUTING]
-    files += sorted((_PACKAGE / "quadrature").glob("*.py")) + sorted((_PACKAGE / "sweep").glob("*.py"))
+    files = [file for name in _COMPUTING for file in sorted((_PACKAGE / name).rglob("*.py")) or [_PACKAGE / f"{name}.py"]]
     state = hashlib.sha256()
     for file in files:
         state.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")

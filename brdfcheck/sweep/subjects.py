@@ -19,12 +19,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck import catalog, lobes, microfacet, user_brdf
-from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.directional import has_engine, peel
-from brdfcheck.factors import Normalized, PerCosine
+from brdfcheck.brdf import catalog, lobes, microfacet
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.factors import Normalized, PerCosine
+from brdfcheck.brdf.readers.python import is_file_spec, load_object, split_spec
+from brdfcheck.brdf.subject import family_of
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.precision import double_precision
+from brdfcheck.quadrature.albedo import has_engine, peel
+from brdfcheck.runtime import double_precision
 
 CLASSES: Mapping[str, Callable[..., Any]] = {
     cls.__name__: cls
@@ -85,14 +87,14 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
         parameters = inspect.signature(CLASSES[name]).parameters.values()
         numbers = frozenset(part.name for part in parameters if not isinstance(part.default, (str, bool)))
         return Source(name, CLASSES[name], "class", *_whole_parameters(CLASSES[name]), numbers)
-    if not user_brdf.is_file_spec(name):
+    if not is_file_spec(name):
         try:
             catalog.entry(name)
         except KeyError as error:
             raise UsageError(f"{error.args[0]}; classes: {', '.join(CLASSES)}") from None
-    path, attribute = user_brdf.split_spec(name)
+    path, attribute = split_spec(name)
     absolute = str(places.get(path, folder / path))
-    value, _ = user_brdf.load_object(absolute if attribute is None else f"{absolute}:{attribute}", modules)
+    value, _ = load_object(absolute if attribute is None else f"{absolute}:{attribute}", modules)
     return Source(name, value, "user", *_whole_parameters(value), file=Path(absolute).resolve())
 
 
@@ -182,7 +184,7 @@ def _from_user(source: Source, static: Mapping[str, Any], ranges: Mapping[str, t
     value = functools.partial(source.value, **words) if words else source.value
     bounds = {**{name: (float(value), float(value)) for name, value in numbers.items()}, **ranges}
     try:
-        target = user_brdf.family_of(value, source.name, bounds, None)
+        target = family_of(value, source.name, bounds, None)
     except UsageError as error:
         text = str(error).split(": --over")[0].replace("must be given a range", "must be an axis or a held value")
         raise UsageError(text.replace("has no parameter", "unknown axis: it has no parameter")) from None
@@ -245,7 +247,7 @@ def source_files(sources: Mapping[str, Source]) -> dict[str, dict[str, str]]:
             file = getattr(module, "__file__", None)
             if file and file.endswith(".py") and Path(file).parent == source.file.parent and Path(file) != source.file:
                 texts[Path(file).name] = _text(Path(file))
-        found[user_brdf.split_spec(source.name)[0]] = dict(sorted(texts.items()))
+        found[split_spec(source.name)[0]] = dict(sorted(texts.items()))
     return dict(sorted(found.items()))
 
 

@@ -34,12 +34,6 @@ if TYPE_CHECKING:
     from brdfcheck.transport.form_factors import inside_sphere as inside_sphere
     from brdfcheck.transport.form_factors import parallel_rectangles as parallel_rectangles
     from brdfcheck.transport.form_factors import perpendicular_rectangles as perpendicular_rectangles
-    from brdfcheck.transport.measure import growth as growth
-    from brdfcheck.transport.measure import levels as levels
-    from brdfcheck.transport.measure import plain as plain
-    from brdfcheck.transport.measure import radii as radii
-    from brdfcheck.transport.measure import refinement as refinement
-    from brdfcheck.transport.measure import work_precision as work_precision
     from brdfcheck.transport.neumann import neumann_series as neumann_series
     from brdfcheck.transport.neumann import truncation_bound as truncation_bound
     from brdfcheck.transport.paths import energy_after_bounces as energy_after_bounces
@@ -73,25 +67,19 @@ _HOME = {
     "direct": "radiosity",
     "enclosure": "enclosures",
     "energy_after_bounces": "paths",
-    "growth": "measure",
     "inside_sphere": "form_factors",
     "krylov": "radiosity",
-    "levels": "measure",
     "neumann_series": "neumann",
     "parallel_rectangles": "form_factors",
     "patch_form_factor": "polygon",
     "perpendicular_rectangles": "form_factors",
-    "plain": "measure",
     "point_to_polygon": "polygon",
     "polyhedron": "enclosures",
     "progressive": "radiosity",
-    "radii": "measure",
-    "refinement": "measure",
     "spectral_radius": "solution",
     "sphere": "enclosures",
     "trace": "paths",
     "truncation_bound": "neumann",
-    "work_precision": "measure",
 }
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 

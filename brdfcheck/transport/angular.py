@@ -30,8 +30,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.directional import albedo
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.transport.completion import Completed
 from brdfcheck.transport.radiosity import checked_steps
 from brdfcheck.transport.solution import Radius, power_iteration

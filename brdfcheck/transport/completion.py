@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.directional import albedo
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.albedo import albedo
 
 _NODES = 4097
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.numerics import gauss
 
 _EPSILON = float(np.finfo(float).eps)
 # Rounding of one corner by the sum of its parts' sizes: two differences, a root, a quotient, an arc tangent, two products.

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.factors import peel
-from brdfcheck.lobes import BlinnPhong, Lambert, Phong, Schlick
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.factors import peel
+from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.transport.angular import angular_operator
 from brdfcheck.transport.completion import Completed

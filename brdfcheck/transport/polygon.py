@@ -16,8 +16,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.precision import double_precision
-from brdfcheck.quadrature.gauss import gauss
+from brdfcheck.numerics import gauss
+from brdfcheck.runtime import double_precision
 from brdfcheck.transport.form_factors import FormFactor
 
 # Squared lengths below this are no edge. Representable in float32.

@@ -14,13 +14,13 @@ import jax.core
 import jax.numpy
 import numpy as np
 
-from brdfcheck import catalog
-from brdfcheck.brdf import AbstractBRDF
-from brdfcheck.callables import Finding, constant, name_of
-from brdfcheck.directional import refuse_batched
-from brdfcheck.factors import Normalized, PerCosine
-from brdfcheck.family import Family, refusal
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.callables import Finding, constant, name_of
+from brdfcheck.brdf.factors import Normalized, PerCosine
+from brdfcheck.brdf.family import Family, refusal
+from brdfcheck.quadrature.albedo import refuse_batched
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from brdfcheck.pointwise import GRAZING
+from brdfcheck.quadrature.pointwise import GRAZING
 from brdfcheck.verdict.box import DECADES, Box
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.poles import SUSPICIOUS, pole

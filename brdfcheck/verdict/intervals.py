@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brdfcheck.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 
 _ANGLES = 17

@@ -10,11 +10,11 @@ import jax
 import numpy as np
 
 from brdfcheck import geometry
-from brdfcheck.brdf import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.callables import BLOCK, Evaluator
-from brdfcheck.directional import lobe_values
-from brdfcheck.factors import Normalized
-from brdfcheck.pointwise import CHUNK, PointwiseAlbedo
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.callables import BLOCK, Evaluator
+from brdfcheck.brdf.factors import Normalized
+from brdfcheck.quadrature.albedo import lobe_values
+from brdfcheck.quadrature.pointwise import CHUNK, PointwiseAlbedo
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6

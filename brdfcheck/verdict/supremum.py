@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from brdfcheck.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from brdfcheck.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Function
 

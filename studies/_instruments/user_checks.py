@@ -17,7 +17,7 @@ FAMILIES = Path(__file__).resolve().with_name("user_families.py")
 CHECK = """
 import json, runpy, sys
 import brdfcheck
-from brdfcheck.precision import use_compilation_cache
+from brdfcheck.runtime import use_compilation_cache
 
 brdfcheck.use_x64()
 use_compilation_cache()

@@ -1,0 +1,418 @@
+"""Any function f(wi, wo) as something that can be evaluated on many directions at once: JAX where it can be traced.
+
+What is wrong with a user's function is a `Finding` about that function: it raises, returns the wrong shape, or is not
+real. NaN, infinite and negative values are passed on; they are judged where they are integrated.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from brdfcheck.cores import available_cores
+from brdfcheck.runtime import double_precision
+
+_log = logging.getLogger("brdfcheck")
+
+BLOCK = 760
+"""Directions of a row: what a program takes for one incidence."""
+# Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
+# asked, and a small request is cheap.
+_ROWS, _GROUP = 64, 8
+# Numbers (rows x directions x channels) that a program may return: bounds the memory of functions with many channels.
+_MOST_NUMBERS = 2**22
+# Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
+_NUMPY_CALL = 8192
+_MOST_CHANNELS = 256
+_INDEXING = "directions come as arrays of shape (k, 3): index the last axis, wi[..., 2] and not wi[2]"
+
+
+class Finding(ValueError):
+    """Something wrong with a user's BRDF that keeps it from being integrated. The message says what."""
+
+
+def name_of(function: object) -> str:
+    """A short name for messages: of a lobe with its factor, both."""
+    lobe, factor = getattr(function, "lobe", None), getattr(function, "factor", None)
+    if lobe is not None and factor is not None:
+        return f"{name_of(lobe)} times {name_of(factor)}"
+    return getattr(function, "__name__", type(function).__name__)
+
+
+def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
+    """A family of one, which messages call by the name of `brdf`."""
+
+    def build() -> Callable[..., Any]:
+        return brdf
+
+    build.__name__ = name_of(brdf)
+    return build
+
+
+class Evaluator:
+    """A family of BRDFs, ``build(**parameters) -> f(wi, wo)``, evaluated on arrays of directions.
+
+    Two paths, tried in this order: one JAX program for all parameters; plain Python with numpy arrays, which `slow` reports
+    and a log message announces. A family without parameters is built before it is traced. `epsilon` is the rounding of the
+    answers' type, `channels` their last axis (None for one number a direction), `alone` says that each direction is evaluated
+    as if it were the only one.
+
+    Raises Finding where the BRDF raises or returns something that is not a number, or numbers, for each direction.
+    """
+
+    def __init__(self, build: Callable[..., Any], parameters: Mapping[str, float]):
+        self.names = tuple(parameters)
+        self.slow = self.alone = False
+        self._build = build
+        self._name = name_of(build)
+        self._local = threading.local()
+        middle = np.array([list(parameters.values())], float)
+        try:
+            # Only tracing tells whether a function can be traced, and it compiles nothing.
+            shapes = [self._traced(count, middle[0]) for count in (1, 2, 3)]
+        except Finding:
+            raise
+        except Exception:  # whatever tracing throws: some functions need numbers where JAX shows them tracers
+            self.slow = True
+            shapes = [self._called(middle[0], *_sample(count)) for count in (1, 2, 3)]
+        checked = [self._shape_of(shape, count) for shape, count in zip(shapes, (1, 2, 3), strict=True)]
+        if len({channels for channels in checked if channels is not None}) > 1:
+            raise Finding(
+                f"{self._name} returned shape {shapes[1].shape} for 2 directions and {shapes[2].shape} for 3: the number of"
+                " channels follows the number of directions, as where every wi meets every wo; for wi.wo of each pair write"
+                " sum(wi * wo, axis=-1)"
+            )
+        self.channels = next((channels for channels in checked if channels is not None), None)
+        if self.channels is not None and self.channels > _MOST_CHANNELS:
+            raise Finding(f"{self._name} returned {self.channels} channels; at most {_MOST_CHANNELS} are looked at")
+        self._dtype = shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else np.dtype(float)
+        self.epsilon = float(jnp.finfo(self._dtype).eps)
+        most = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
+        self._group = min(_GROUP, most)
+        self._rows = most // self._group * self._group
+        if self.slow:
+            _log.warning("%s cannot be traced by JAX: evaluated with numpy, which is slower", self._name)
+        else:
+            self._compile()
+
+    def evaluated_alone(self) -> bool:
+        """From now on evaluate each direction as if it were the only one. False where that would take forever (numpy)."""
+        if not self.slow:
+            self.alone = True
+            self._compile()
+        return not self.slow
+
+    # --- what the function is asked ---
+
+    def _brdf(self, parameters: Any) -> Callable[..., Any]:
+        try:
+            brdf = self._build(**dict(zip(self.names, parameters, strict=True)))
+        except Exception as error:
+            if any(isinstance(value, Tracer) for value in parameters):
+                raise
+            shown = ", ".join(f"{key}={value:g}" for key, value in zip(self.names, parameters, strict=True))
+            raise Finding(f"{self._name}({shown}) raised {type(error).__name__}: {error}") from error
+        if not callable(brdf):
+            raise Finding(f"{self._name} returned {type(brdf).__name__}, which is not a function f(wi, wo)")
+        return brdf
+
+    def _traced(self, count: int, middle: np.ndarray) -> Any:
+        brdf = None if self.names else self._brdf(())
+        wi, _ = _sample(count)
+
+        def values(parameters: Any, wi: Any, wo: Any) -> Any:
+            return (brdf or self._brdf(parameters))(wi, wo)
+
+        with double_precision(), np.errstate(all="ignore"):
+            parameters = tuple(jax.ShapeDtypeStruct((), np.float64) for _ in middle)
+            direction = jax.ShapeDtypeStruct(wi.shape, np.float64)
+            found = jax.eval_shape(values, parameters, direction, direction)
+        if not hasattr(found, "shape"):
+            raise Finding(f"{self._name} returned {type(found).__name__}, not an array of numbers")
+        return found
+
+    def _called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """One call of the plain function. It gets arrays of its own: it may write to them."""
+        try:
+            with np.errstate(all="ignore"), double_precision():
+                result = self._bound(parameters)(wi.copy(), wo.copy())
+        except Finding:
+            raise
+        except Exception as error:
+            shape_trouble = isinstance(error, (IndexError, TypeError)) or "ambiguous" in str(error)
+            hint = f" ({_INDEXING}, and choose by where, not by if)" if shape_trouble else ""
+            raise Finding(f"{self._name} raised {type(error).__name__}: {error}{hint}") from error
+        try:
+            return np.asarray(result)
+        except Exception as error:
+            raise Finding(f"{self._name} returned {type(result).__name__}, not an array of numbers") from error
+
+    def _bound(self, parameters: np.ndarray) -> Callable[..., Any]:
+        key = tuple(float(value) for value in parameters)
+        if getattr(self._local, "key", None) != key:
+            self._local.brdf = self._brdf(key)
+            self._local.key = key
+        return self._local.brdf
+
+    def _shape_of(self, values: Any, count: int) -> int | None:
+        """The channels of an answer for `count` directions; Finding where it is none."""
+        dtype, shape = np.dtype(values.dtype), values.shape
+        if dtype.kind == "c":
+            raise Finding(f"{self._name} returned complex values ({dtype})")
+        if dtype.kind not in "biuf" and not jnp.issubdtype(dtype, jnp.floating):
+            raise Finding(f"{self._name} returned values of type {dtype}, not numbers")
+        if shape == () or (len(shape) == 1 and shape[0] == count):
+            return None
+        if len(shape) == 2 and shape[0] == count and shape[1] > 0:
+            return shape[1]
+        raise Finding(
+            f"{self._name} returned shape {shape} for directions of shape ({count}, 3); expected ({count},) or"
+            f" ({count}, channels): {_INDEXING}"
+        )
+
+    # --- programs ---
+
+    def _compile(self) -> None:
+        brdf = None if self.names else self._brdf(())
+
+        def row(parameters: Any, wi: Any, turn: Any, wo: Any) -> Any:
+            function = brdf or self._brdf(tuple(parameters[i] for i in range(len(self.names))))
+            c, s = turn[0], turn[1]
+            # Components come as arrays of their own, which XLA fuses better than triples.
+            light = jnp.stack([jnp.broadcast_to(wi[i], (BLOCK,)) for i in range(3)], axis=-1)
+            view = jnp.stack([c * wo[0] - s * wo[1], s * wo[0] + c * wo[1], wo[2]], axis=-1)
+            if self.alone:
+                alone = jax.vmap(lambda i, o: jnp.reshape(function(i[None], o[None]), shape[2:]))
+                return alone(light, view).astype(self._dtype)
+            values = jnp.asarray(function(light, view))
+            return (values if values.ndim else jnp.broadcast_to(values, (BLOCK,))).astype(self._dtype)
+
+        group = self._group
+        shape = (self._rows, BLOCK) if self.channels is None else (self._rows, BLOCK, self.channels)
+
+        def program(groups: Any, *arguments: Any) -> Any:
+            def step(index: Any, values: Any) -> Any:
+                some = [jax.lax.dynamic_slice_in_dim(part, index * group, group) for part in arguments]
+                return jax.lax.dynamic_update_slice_in_dim(values, jax.vmap(row)(*some), index * group, 0)
+
+            return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
+
+        self._program = jax.jit(program)
+
+    def rows(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """f for rows of directions: parameters (rows, names), wi (rows, 3, 1 or BLOCK) and wo (rows, 3, BLOCK).
+
+        Returns shape (rows, BLOCK, channels or 1).
+        """
+        still = np.tile([1.0, 0.0], (len(wi), 1))
+
+        def piece(rows: slice) -> np.ndarray:
+            return self._evaluate(parameters[rows], wi[rows], still[rows], wo[rows])
+
+        return np.concatenate(side_by_side(piece, self._pieces(parameters)))
+
+    def sums(
+        self,
+        parameters: np.ndarray,
+        wi: np.ndarray,
+        azimuth: np.ndarray,
+        which: np.ndarray,
+        wo: np.ndarray,
+        weight: np.ndarray,
+        note: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], None],
+    ) -> np.ndarray:
+        """Weighted sums over blocks of directions, many incidences at a time: (points, blocks, channels or 1).
+
+        parameters (points, names), wi (points, 3), azimuth (points,): by how much tables of directions are turned; `which`
+        (points,): the table of each point in wo (tables, blocks, 3, BLOCK) and weight (tables, blocks, BLOCK). What is not
+        finite counts as 0. `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0
+        or one that is not finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
+        """
+        blocks = wo.shape[1]
+        turn = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        point = np.repeat(np.arange(len(wi)), blocks)
+        block = np.tile(np.arange(blocks), len(wi))
+
+        def piece(rows: slice) -> np.ndarray:
+            at, table = point[rows], (which[point[rows]], block[rows])
+            directions, share = wo[table], weight[table]
+            values = self._evaluate(parameters[at], wi[at][:, :, None], turn[at], directions)
+            found = np.einsum("rkc,rk->rc", values, share, dtype=float)
+            if not np.all(np.isfinite(found)) or values.min() < 0:
+                finite = np.isfinite(values)
+                values = np.where(finite, values, 0)
+                found = np.einsum("rkc,rk->rc", values, share, dtype=float)
+                c, s = turn[at].T[:, :, None]
+                x, y, z = np.moveaxis(directions, 1, 0)
+                note(at, np.stack([c * x - s * y, s * x + c * y, z], axis=1), values, finite, share)
+            return found
+
+        parts = side_by_side(piece, self._pieces(parameters[point]))
+        return np.concatenate(parts).reshape(len(wi), blocks, -1)
+
+    def _pieces(self, parameters: np.ndarray) -> list[slice]:
+        """Rows that are evaluated together; of a numpy function those of the same parameters, in one call."""
+        count = len(parameters)
+        if not self.slow:
+            # As many for each core, in whole groups.
+            share = -(-count // (self._group * len(available_cores()))) * self._group
+            size = min(share, self._rows)
+            return [slice(i, min(i + size, count)) for i in range(0, count, size)]
+        change = np.flatnonzero(np.any(parameters[1:] != parameters[:-1], axis=1)) + 1
+        limits = np.unique(np.concatenate([[0, count], change]))
+        most = max(1, _NUMPY_CALL // BLOCK)
+        return [slice(int(i), int(min(i + most, high))) for low, high in pairwise(limits) for i in range(low, high, most)]
+
+    def _evaluate(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """One piece: wi (rows, 3, 1 or BLOCK), turn (rows, 2), wo (rows, 3, BLOCK) -> (rows, BLOCK, channels or 1)."""
+        return (self._numpy_rows if self.slow else self._program_rows)(parameters, wi, turn, wo)
+
+    def _program_rows(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        count = len(wi)
+        if count < self._rows:
+            parameters, wi, turn, wo = (
+                np.concatenate([part, np.broadcast_to(part[-1:], (self._rows - count, *part.shape[1:]))])
+                for part in (parameters, wi, turn, wo)
+            )
+        try:
+            with np.errstate(all="ignore"), double_precision():
+                values = np.asarray(self._program(-(-count // self._group), parameters, wi, turn, wo))[:count]
+        except Exception as error:
+            raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+        return values.reshape(count, BLOCK, -1)
+
+    def _numpy_rows(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        c, s = turn.T[:, :, None]
+        x, y, z = np.moveaxis(wo, 1, 0)
+        view = np.stack([c * x - s * y, s * x + c * y, z], axis=-1).reshape(-1, 3)
+        light = np.broadcast_to(np.moveaxis(wi, 1, 2), (len(wi), BLOCK, 3)).reshape(-1, 3)
+        return self._numpy_call(parameters[0], light, view).reshape(len(wi), BLOCK, -1)
+
+    def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """f for these parameters: (wi, wo) of shape (k, 3) each, float64 -> values of shape (k,) or (k, channels)."""
+        place = np.array([[float(parameters[name]) for name in self.names]])
+
+        def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+            count = len(wo)
+            if self.slow:
+                parts = [
+                    self._numpy_call(place[0], wi[i : i + _NUMPY_CALL], wo[i : i + _NUMPY_CALL])
+                    for i in range(0, count, _NUMPY_CALL)
+                ]
+                values = np.concatenate(parts)
+            else:
+                light = wi[:1, :, None] if wi.strides[0] == 0 else _in_rows(wi)  # one light for all needs no copies
+                view = _in_rows(wo)
+                light = np.broadcast_to(light, (len(view), *light.shape[1:]))
+                values = self.rows(np.repeat(place, len(view), axis=0), light, view).reshape(view.shape[0] * BLOCK, -1)[:count]
+            return values[:, 0] if self.channels is None else values
+
+        return evaluate
+
+    def _numpy_call(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        values = self._called(parameters, wi, wo)
+        channels = self._shape_of(values, len(wi))
+        if channels is not None and channels != self.channels:
+            raise Finding(f"{self._name} returned {self.channels or 1} channels for 2 directions, {channels} for {len(wi)}")
+        values = values if values.dtype.kind == "f" else values.astype(float)
+        return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
+
+    # --- is a batch what its directions are one by one? ---
+
+    def disagreement(self, parameters: Mapping[str, float]) -> str | None:
+        """What is wrong where a batch of directions is not what its directions are alone, in other orders and batches."""
+        place = np.array([float(parameters[name]) for name in self.names])
+        wi, wo = _sample(24)
+        bound = self.bind(parameters)
+
+        def together(order: np.ndarray) -> np.ndarray:
+            return bound(wi[order], wo[order]).reshape(len(order), -1)
+
+        order = np.arange(len(wi))
+        first = together(order)
+        scale = np.maximum(np.abs(first), np.max(np.abs(first), initial=0.0) * 1e-9)
+
+        def differs(values: np.ndarray, rows: np.ndarray) -> bool:
+            with np.errstate(all="ignore"):
+                return bool(np.any(np.abs(values - first[rows]) > max(1e-7, 1e4 * self.epsilon) * scale[rows]))
+
+        alone = self._alone(place)
+        # Each size is a program to compile: for JAX there is one besides that of all requests, plain calls cost nothing.
+        apart = any(
+            differs(np.concatenate([alone(wi[i : i + size], wo[i : i + size]) for i in range(0, 20, size)]), order[:20])
+            for size in ((1, 5) if self.slow else (1,))
+        )
+        turned = np.random.default_rng(3).permutation(len(wi))
+        if not apart and not differs(together(turned), turned):
+            return None
+        if differs(together(order), order):
+            return "the same directions give other values at each call: it is random, or keeps state between calls"
+        if not apart:
+            return "the values depend on the order in which directions are given"
+        return (
+            "directions given together have other values than one by one: mostly because a norm, sum or maximum runs over all"
+            " directions and not over the three components of each (give it axis=-1, and keepdims=True where it divides a"
+            " vector), or because the values depend on the number of directions, or are random"
+        )
+
+    def _alone(self, place: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """f for batches as small as they are given, traced anew: (k, 3) twice -> (k, channels or 1)."""
+        if self.slow:
+            return lambda wi, wo: self._numpy_call(place, wi, wo)
+        brdf = None if self.names else self._brdf(())
+        program = jax.jit(lambda p, wi, wo: (brdf or self._brdf(tuple(p)))(wi, wo))
+
+        def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+            try:
+                with np.errstate(all="ignore"), double_precision():
+                    values = np.asarray(program([np.asarray(value) for value in place], wi, wo))
+            except Exception as error:
+                raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+            return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
+
+        return evaluate
+
+
+def _in_rows(directions: np.ndarray) -> np.ndarray:
+    """Directions (k, 3) as rows (rows, 3, BLOCK), of which the last one is filled up with the last direction."""
+    count = len(directions)
+    rows = -(-count // BLOCK)
+    filled = np.empty((3, rows * BLOCK))
+    filled[:, :count], filled[:, count:] = directions.T, directions[-1:].T
+    return np.ascontiguousarray(np.moveaxis(filled.reshape(3, rows, BLOCK), 1, 0))
+
+
+def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of directions, no two alike, shape (count, 3) each."""
+    random = np.random.default_rng(11)
+    cosine, azimuth = random.uniform(0.3, 0.95, (2, 24)), random.uniform(0, 2 * np.pi, (2, 24))
+    # Some are near the mirror direction, where a sharp lobe is not zero.
+    cosine[1, ::3], azimuth[1, ::3] = cosine[0, ::3] * 1.01, azimuth[0, ::3] + np.pi + 0.01
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    wi, wo = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    return wi[:count], wo[:count]
+
+
+_inside = threading.local()
+
+
+def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any]) -> list[Any]:
+    """`function` of all pieces, on as many cores as there are. What the function itself runs in this way runs on its core."""
+    workers = min(len(available_cores()), len(pieces), 8)
+    if workers < 2 or getattr(_inside, "worker", False):
+        return [function(piece) for piece in pieces]
+
+    def begin() -> None:
+        _inside.worker = True
+
+    with ThreadPoolExecutor(workers, initializer=begin) as pool:
+        return list(pool.map(function, pieces))

@@ -1,0 +1,190 @@
+"""Normalisation factors, and the lobe that a factor makes into a BRDF.
+
+A lobe has peak value 1; its factor is what it is multiplied by, as a function of its exponent. `Factor(A, B)` is the
+two-constant form (n+A)/B of the literature; the closed forms make the albedo at normal incidence exactly 1.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from typing import Any, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, as_parameter
+
+_TINY = 1e-18
+
+
+def _checked_positive(value: object, name: str) -> Array:
+    array = as_parameter(value, name)
+    if not isinstance(array, Tracer):
+        values = np.asarray(array)
+        if not np.all(np.isfinite(values) & (values > 0)):
+            raise ValueError(f"{name} must be finite and > 0; got {value}")
+    return array
+
+
+class AbstractFactor(eqx.Module):
+    """What a lobe is multiplied by, in 1/sr, as a function of its exponent."""
+
+    @abc.abstractmethod
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The factor at the exponents `n`, same shape."""
+
+
+@final
+class Factor(AbstractFactor):
+    r"""The two-constant factor $(n + A) / B$. ValueError unless A and B are finite and it is positive for some n >= 0.
+
+    So B > 0; or B < 0 and A < 0, a factor that falls with n and is of use for n < -A.
+    """
+
+    A: Float[Array, ""]
+    B: Float[Array, ""]
+
+    def __init__(self, A: object, B: object):
+        self.A, self.B = as_parameter(A, "A"), as_parameter(B, "B")
+        if isinstance(self.A, Tracer) or isinstance(self.B, Tracer):
+            return
+        if not np.all(np.isfinite(np.asarray(self.A))):
+            raise ValueError(f"A must be finite; got {A}")
+        a, b = np.asarray(self.A), np.asarray(self.B)
+        if not np.all(np.isfinite(b) & ((b > 0) | ((b < 0) & (a < 0)))):
+            raise ValueError(f"B must be finite and {'not 0' if np.all(a < 0) else '> 0'}; got {B}")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return (n + self.A) / self.B
+
+
+@final
+class Constant(AbstractFactor):
+    """The same factor for every exponent, in 1/sr. ValueError unless it is finite and > 0."""
+
+    value: Float[Array, ""]
+
+    def __init__(self, value: object):
+        self.value = _checked_positive(value, "the constant")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return jnp.broadcast_to(self.value, jnp.shape(n))
+
+
+@final
+class Proportional(AbstractFactor):
+    r"""The one-constant factor $n / B$. ValueError unless B is finite and > 0."""
+
+    B: Float[Array, ""]
+
+    def __init__(self, B: object):
+        self.B = _checked_positive(B, "B")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return n / self.B
+
+
+@final
+class RationalFactor(AbstractFactor):
+    r"""$\sum_i a_i n^i / \sum_j b_j n^j$, coefficients from the lowest power on.
+
+    ValueError where a coefficient is not finite or there is none.
+    """
+
+    numerator: Float[Array, " p"]
+    denominator: Float[Array, " q"]
+
+    def __init__(self, numerator: object, denominator: object):
+        self.numerator, self.denominator = as_parameter(numerator, "numerator"), as_parameter(denominator, "denominator")
+        for name, part in (("numerator", self.numerator), ("denominator", self.denominator)):
+            if isinstance(part, Tracer):
+                continue
+            if part.ndim != 1 or not part.size or not np.all(np.isfinite(np.asarray(part))):
+                raise ValueError(f"{name} must be a non-empty list of finite coefficients; got {part}")
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return _horner(self.numerator, n) / _horner(self.denominator, n)
+
+
+def _horner(coefficients: Array, n: Array) -> Array:
+    # The powers are the last axis, whatever a batch of factors puts before it.
+    value = coefficients[..., -1]
+    for power in range(coefficients.shape[-1] - 2, -1, -1):
+        value = value * n + coefficients[..., power]
+    return value
+
+
+@final
+class PhongExact(AbstractFactor):
+    r"""$(n+2)/(2\pi)$: the mirror-form power reflects exactly 1 at normal incidence (Lafortune & Willems 1994)."""
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return (n + 2) / (2 * np.pi)
+
+
+@final
+class BlinnPhongExact(AbstractFactor):
+    r"""$(n+2)(n+4)/(8\pi(2^{-n/2}+n))$: the half-form power reflects exactly 1 at normal incidence (Giesen 2009)."""
+
+    def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
+        return (n + 2) * (n + 4) / (8 * np.pi * (jnp.exp2(-n / 2) + n))
+
+
+@final
+class Normalized(AbstractBRDF):
+    """A lobe times its factor: ``factor(lobe.n) * lobe(wi, wo)`` in 1/sr.
+
+    TypeError where the lobe has no exponent `n` or the factor is not callable.
+    """
+
+    lobe: AbstractZonalLobe
+    factor: AbstractFactor
+
+    def __init__(self, lobe: AbstractZonalLobe, factor: AbstractFactor):
+        if not hasattr(lobe, "n"):
+            raise TypeError(f"a factor needs a lobe with an exponent n; got {type(lobe).__name__}")
+        if not callable(factor):
+            raise TypeError(f"factor must be a Factor or a closed form; got {factor!r}")
+        self.lobe = lobe
+        self.factor = factor
+
+    def scale(self) -> Float[Array, ""]:
+        """The factor at the lobe's own exponent."""
+        return self.factor(self.lobe.n)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        return self.scale() * self.lobe(wi, wo)
+
+
+@final
+class PerCosine(AbstractBRDF):
+    """A BRDF divided by N.L: what the classical shading formulas amount to when their specular term lacks the cosine.
+
+    Not reciprocal, and its albedo grows without bound towards grazing incidence.
+    """
+
+    base: AbstractBRDF
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        wi = jnp.asarray(wi)
+        value = self.base(wi, wo)
+        cosine = jnp.maximum(wi[..., 2], _TINY)
+        return value / (cosine if value.ndim == cosine.ndim else cosine[..., None])
+
+
+def peel(brdf: Any) -> tuple[Any, Callable[[Any], Any]]:
+    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta.
+
+    Also for a batch of BRDFs whose leaves are numpy arrays: then the cosines are an array of the same shape.
+    """
+    if isinstance(brdf, Normalized):
+        core, inner = peel(brdf.lobe)
+        return core, lambda mu: brdf.scale() * inner(mu)
+    if isinstance(brdf, PerCosine):
+        core, inner = peel(brdf.base)
+        return core, lambda mu: inner(mu) / mu
+    return brdf, lambda mu: 1.0

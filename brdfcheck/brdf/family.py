@@ -1,0 +1,64 @@
+"""A family of BRDFs: how to build one from its parameters, and the ranges the parameters run over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import islice, product
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Family:
+    """``build(**parameters)`` gives a BRDF for parameters within `ranges` (closed intervals) and cosines within `cos_theta`.
+
+    Raises ValueError where a bound is not finite or an interval is empty.
+    """
+
+    name: str
+    build: Callable[..., Any]
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    cos_theta: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for name, bounds in {**self.ranges, "cos_theta": self.cos_theta}.items():
+            try:
+                low, high = (float(bound) for bound in bounds)
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"the range of {name} must be two numbers (LO, HI); got {bounds!r}") from error
+            if not (math.isfinite(low) and math.isfinite(high)):
+                raise ValueError(f"the range of {name} must be finite; got {low:g}:{high:g}")
+            if low > high:
+                raise ValueError(f"the range of {name} is empty: {low:g} > {high:g}")
+        if not 0 <= self.cos_theta[0] <= self.cos_theta[1] <= 1:
+            raise ValueError(f"cos_theta must run within 0:1; got {self.cos_theta[0]:g}:{self.cos_theta[1]:g}")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a family cannot be built at a corner of its box. `ours`: one of this package's classes refused the values."""
+
+    parameters: Mapping[str, float]
+    error: BaseException
+    ours: bool
+
+
+# Modules that call a family's factory: what goes wrong in the call itself is no refusal of a lobe.
+_CALLERS = frozenset(("brdfcheck.brdf.family", "brdfcheck.brdf.subject"))
+
+
+def refusal(family: Family) -> Refusal | None:
+    """Build the family at the corners of its box: a lobe's own checks see numbers there, and tracers later."""
+    corners = product(*(sorted(set(bounds)) for bounds in family.ranges.values()))
+    for corner in islice(corners, 64):
+        parameters = dict(zip(family.ranges, corner, strict=True))
+        try:
+            family.build(**parameters)
+        except (Exception, SystemExit) as error:
+            last = error.__traceback__
+            while last is not None and last.tb_next is not None:
+                last = last.tb_next
+            module = "" if last is None else str(last.tb_frame.f_globals.get("__name__", ""))
+            return Refusal(parameters, error, module.startswith("brdfcheck.") and module not in _CALLERS)
+    return None

@@ -1,0 +1,1 @@
+"""BRDFs from the files in which people have them, a file for each format."""

@@ -1,0 +1,157 @@
+"""BRDFs from Python files: ``path/to/file.py:object``."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import itertools
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from brdfcheck.messages import UsageError, one_line
+
+_count = itertools.count(1)
+
+
+class _SourceLoader(SourceFileLoader):
+    """Compiles the source each time: a cached file would be stale where two edits fall within one second."""
+
+    def get_code(self, fullname: str) -> Any:
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
+def split_spec(spec: str) -> tuple[str, str | None]:
+    """``path/to/file.py:object`` -> (path, object); the object is None where only a file is given."""
+    path, colon, name = spec.rpartition(":")
+    if not colon or name.endswith(".py") or "/" in name:
+        return spec, None
+    return path, name
+
+
+def is_file_spec(name: str) -> bool:
+    """True for what looks like ``file.py:object`` or a path rather than a catalogue name."""
+    return ":" in name or name.endswith(".py") or "/" in name or os.sep in name
+
+
+def load_module(path_text: str) -> ModuleType:
+    """The user's file as a module with a name of its own, which can import its neighbours. UsageError if that fails."""
+    path = Path(path_text)
+    try:
+        if path.is_dir():
+            raise UsageError(f"{path_text} is a folder; give a Python file, as in mine.py:brdf")
+        if not path.exists():
+            raise UsageError(f"there is no file {path_text!r}")
+        path = path.resolve()
+        path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot read {path_text!r}: {getattr(error, 'strerror', None) or one_line(error)}") from None
+    name = f"_brdfcheck_user_{next(_count)}_{path.stem}"
+    loader = _SourceLoader(name, str(path))
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        with _importable(path.parent):
+            loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise UsageError(f"cannot import {path_text}: {_import_trouble(error, path)}") from None
+    return module
+
+
+_last_folder: Path | None = None
+
+
+@contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """`folder` at the head of the search path within the block, and at its end afterwards: for imports in functions."""
+    global _last_folder
+    if _last_folder is not None and folder != _last_folder:
+        # A helper.py beside another user's file must not answer for the helper.py beside this one.
+        for name, module in list(sys.modules.items()):
+            file = getattr(module, "__file__", None)
+            if file and not name.startswith("_brdfcheck_user_") and Path(file).parent == _last_folder:
+                del sys.modules[name]
+        sys.path[:] = [entry for entry in sys.path if entry != str(_last_folder)]
+    fresh = str(folder) not in sys.path
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        if str(folder) in sys.path:
+            sys.path.remove(str(folder))
+        if fresh:
+            sys.path.append(str(folder))
+            _last_folder = folder
+
+
+def _import_trouble(error: BaseException, path: Path) -> str:
+    if isinstance(error, SyntaxError):
+        where = "" if error.filename in (None, str(path)) else f"{error.filename} "
+        return f"{where}line {error.lineno}: {type(error).__name__}: {one_line(error.msg)}"
+    line = None
+    traceback = error.__traceback__
+    while traceback is not None:
+        if traceback.tb_frame.f_code.co_filename == str(path):
+            line = traceback.tb_lineno
+        traceback = traceback.tb_next
+    at = "" if line is None else f"line {line}: "
+    if isinstance(error, SystemExit):
+        return f"{at}it calls sys.exit({'' if error.code is None else one_line(repr(error.code))}) while being imported"
+    return f"{at}{type(error).__name__}: {one_line(error)}"
+
+
+def _offers(module: ModuleType) -> list[str]:
+    """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours)."""
+    from brdfcheck.brdf.base import AbstractBRDF
+
+    found = []
+    for name, value in vars(module).items():
+        if name.startswith("_") or not callable(value):
+            continue
+        if getattr(value, "__module__", None) == module.__name__ or isinstance(value, AbstractBRDF):
+            found.append(name)
+    return found
+
+
+def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tuple[Any, str]:
+    """The object behind ``file.py:object`` and its full spec. `modules`: files loaded so far, which load only once.
+
+    Without ``:object`` the file must define exactly one public callable. UsageError where there is no such thing.
+    """
+    modules = {} if modules is None else modules
+    path, name = split_spec(spec)
+    if not path.endswith(".py"):
+        raise UsageError(f"{spec!r}: a BRDF of your own is given as path/to/file.py:object")
+    if path not in modules:
+        modules[path] = load_module(path)
+    module = modules[path]
+    offers = _offers(module)
+    choices = f"it offers {', '.join(offers)}" if offers else "it defines no public callable"
+    if not name:
+        if len(offers) != 1:
+            raise UsageError(f"{spec}: say which object of the file is the BRDF, as in {path}:NAME; {choices}")
+        name = offers[0]
+    value: Any = module
+    for part in name.split("."):
+        if not hasattr(value, part):
+            raise UsageError(f"{path} has no object {name!r}; {choices}")
+        value = getattr(value, part)
+    if not callable(value):
+        kind = type(value).__name__
+        raise UsageError(f"{path}:{name} is not callable ({kind}); give a BRDF f(wi, wo), a class or a factory; {choices}")
+    return value, f"{path}:{name}"
+
+
+def line_of(value: Any) -> int | None:
+    try:
+        return inspect.getsourcelines(value)[1] or None
+    except (OSError, TypeError):
+        return None

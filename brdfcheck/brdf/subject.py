@@ -1,0 +1,215 @@
+"""What a user hands over, as a family of BRDFs: a catalogue name, ``file.py:object``, a BRDF, a function, a class, a factory.
+
+What is wrong with the words is a `UsageError`, in one line that names the value and what is allowed. What is wrong with
+a user's BRDF, once it has been found, is not: that is a finding about the BRDF, kept in `Target.finding`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any
+
+from brdfcheck.brdf.readers.python import is_file_spec, line_of, load_object, split_spec
+from brdfcheck.messages import UsageError, one_line
+
+Range = tuple[float, float]
+
+# Names under which people pass the two directions; anything else that has no default is a parameter.
+_DIRECTIONS = frozenset(("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incoming", "outgoing", "light", "view", "l", "v"))
+# Exponents and roughnesses are never directions.
+_PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
+
+
+@dataclass(frozen=True)
+class Target:
+    """Something to check: a family, and what the command line knows about it.
+
+    `fixed`: parameters held at one value inside ``family.build``. `finding`: what already went wrong with it, in words.
+    `file`, `line`: where a user's BRDF is defined (None for the catalogue).
+    """
+
+    family: Any
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    finding: str | None = None
+    file: str | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class _Signature:
+    """The arguments of a callable.
+
+    `integers`: those declared int; `whole`: those whose default is one, which may run over a range all the same.
+    `open`: it takes any keyword, or cannot say what it takes.
+    """
+
+    required: tuple[str, ...]
+    names: tuple[str, ...]
+    integers: frozenset[str]
+    whole: frozenset[str]
+    open: bool
+
+
+def _signature(function: Callable[..., Any]) -> _Signature:
+    try:
+        parameters = list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):
+        return _Signature((), (), frozenset(), frozenset(), True)
+    variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    named = [parameter for parameter in parameters if parameter.kind not in variadic]
+    return _Signature(
+        tuple(parameter.name for parameter in named if parameter.default is parameter.empty),
+        tuple(parameter.name for parameter in named),
+        frozenset(parameter.name for parameter in named if parameter.annotation in (int, "int")),
+        frozenset(parameter.name for parameter in named if type(parameter.default) is int),
+        len(named) < len(parameters),
+    )
+
+
+def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
+    """True where two directions give a function: then it is a factory whose two parameters have no range yet."""
+    import numpy as np
+
+    try:
+        return callable(function(np.array([[0.6, 0.0, 0.8]]), np.array([[0.0, 0.6, 0.8]]), **parameters))
+    except (Exception, SystemExit):
+        return False
+
+
+def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
+    """A user's object as a `Target`: a BRDF, a function f(wi, wo), perhaps with parameters, a class, or a factory.
+
+    UsageError for parameters that have no range or do not exist, and where a lobe of this package refuses their values.
+    """
+    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.family import Family
+
+    signature = _signature(value)
+    unknown = [name for name in ranges if name not in signature.names]
+    if isinstance(value, AbstractBRDF) and ranges:
+        kind = type(value).__name__
+        raise UsageError(f"{spec} is one {kind}, so {next(iter(ranges))} cannot run over a range; give its class or a factory")
+    if unknown and not signature.open:
+        takes = ", ".join(name for name in signature.names if name not in _DIRECTIONS) or "no parameters"
+        raise UsageError(f"{spec} has no parameter {unknown[0]!r}; it takes {takes}")
+    for name in signature.integers & set(ranges):
+        low, high = ranges[name]
+        if low != high or low != int(low):
+            raise UsageError(f"{spec}: {name} is a whole number: give one, as in --over {name}=2; got {low:g}:{high:g}")
+    # Where a whole number is meant it is passed as one: it may be a size, or choose a formula.
+    fixed = {
+        name: int(low)
+        for name, (low, high) in ranges.items()
+        if name in signature.integers | signature.whole and low == high == int(low)
+    }
+    swept = {name: bounds for name, bounds in ranges.items() if name not in fixed}
+    missing = [name for name in signature.required if name not in ranges]
+    is_function = not inspect.isclass(value) and (
+        isinstance(value, AbstractBRDF) or (signature.open and not signature.names and not ranges)
+    )
+    if not is_function and not inspect.isclass(value) and len(missing) >= 2:
+        named_so = all(name.lower() in _DIRECTIONS for name in missing[:2])
+        if len(missing) == 2 and not set(missing) & _PARAMETERS:
+            middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
+            is_function = named_so or not _returns_a_function(value, {**middle, **fixed})
+        elif named_so:
+            missing = missing[2:]
+    if not is_function and missing:
+        plural = "parameters" if len(missing) > 1 else "parameter"
+        example = " ".join(f"--over {name}=LO:HI" for name in missing)
+        raise UsageError(f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}")
+
+    build = _builder(value, fixed, is_function=is_function, bound=bool(ranges))
+    build.__name__ = spec.rpartition(":")[2]
+    file = split_spec(spec)[0]
+    family = Family(spec, build, swept, (0.0, 1.0) if cos_theta is None else cos_theta)
+    return Target(family, fixed, _refusal(family, fixed, user=True), file, line_of(value))
+
+
+def _builder(value: Callable[..., Any], fixed: Mapping[str, float], *, is_function: bool, bound: bool) -> Callable[..., Any]:
+    """What makes a BRDF of swept parameters. `bound`: the parameters go to f(wi, wo, **parameters) itself."""
+
+    def from_factory(**parameters: Any) -> Any:
+        return value(**parameters, **fixed)
+
+    def from_function(**parameters: Any) -> Any:
+        def brdf(wi: Any, wo: Any) -> Any:
+            return value(wi, wo, **parameters, **fixed)
+
+        return brdf
+
+    def as_it_is() -> Any:
+        return value
+
+    if not is_function:
+        return from_factory
+    return from_function if bound else as_it_is
+
+
+def _refusal(family: Any, fixed: Mapping[str, float], *, user: bool) -> str | None:
+    """UsageError where one of this package's classes refuses a corner of the box; the finding where a user's code raises."""
+    from brdfcheck.brdf.family import refusal
+
+    refused = refusal(family)
+    if refused is None:
+        return None
+    error = refused.error
+    shown = ", ".join(f"{name}={value:g}" for name, value in {**refused.parameters, **fixed}.items())
+    if shown and isinstance(error, (TypeError, ValueError)) and (refused.ours or not user):
+        raise UsageError(f"{family.name} at {shown}: {one_line(error)}") from None
+    if not user:
+        raise error
+    return f"{family.build.__name__}({shown}) raised {type(error).__name__}: {one_line(error)}"
+
+
+def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
+    """A catalogue entry with the given ranges in place of its own. UsageError for a name it does not have."""
+    from brdfcheck.brdf import catalog
+    from brdfcheck.brdf.family import Family
+
+    try:
+        family = catalog.entry(name).family
+    except KeyError as error:
+        raise UsageError(error.args[0]) from None
+    known = {parameter: bounds for parameter, bounds in ranges.items() if parameter in family.ranges}
+    family = Family(name, family.build, {**family.ranges, **known}, family.cos_theta if cos_theta is None else cos_theta)
+    if known:
+        _refusal(family, {}, user=False)
+    return Target(family)
+
+
+def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None) -> list[Target]:
+    """The targets behind catalogue names and ``file.py:object``; each range must belong to at least one of them.
+
+    A user's file is imported here, once, however many of its objects are named. Raises UsageError.
+    """
+    from brdfcheck.brdf import catalog
+
+    modules: dict[str, ModuleType] = {}
+    targets: list[Target] = []
+    names = list(dict.fromkeys(names))
+    known_ranges: set[str] = set()
+    waiting: list[tuple[int, Any, str]] = []
+    for name in names:
+        if name in catalog.names() or not is_file_spec(name):
+            targets.append(catalog_target(name, ranges, cos_theta))
+            known_ranges |= set(targets[-1].family.ranges)
+        else:
+            waiting.append((len(targets), *load_object(name, modules)))
+            targets.append(Target(None))
+    for index, value, spec in waiting:
+        # A range that belongs to another BRDF of the command is no mistake of this one.
+        own = _signature(value)
+        others = known_ranges.union(*(_signature(other).names for _, other, _ in waiting if other is not value))
+        mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or key not in others}
+        targets[index] = family_of(value, spec, mine, cos_theta)
+    for parameter in ranges:
+        if not waiting and parameter not in known_ranges:
+            subject = names[0] if len(names) == 1 else "none of the BRDFs"
+            has = f"has a parameter {parameter!r}" if len(names) > 1 else f"has no parameter {parameter!r}"
+            allowed = ", ".join(sorted(known_ranges)) or "none"
+            raise UsageError(f"{subject} {has}; allowed with --over: {allowed}")
+    return targets

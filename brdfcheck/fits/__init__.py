@@ -1,0 +1,1 @@
+"""Normalisation factors and compact formulas for albedos: minimax fits with certificates."""

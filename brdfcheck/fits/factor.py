@@ -1,0 +1,546 @@
+r"""Normalisation factors fitted to a lobe, each with the verdict of `check` over all angles.
+
+Two of the objectives are what people do: least squares of the albedo against 1, and a straight line through 1/E, which is what
+a curve-fitting package makes of the question. Both overshoot, so both are certified afterwards: B is enlarged by the largest
+albedo that `check` finds. The third is what they want: E <= 1 everywhere and the smallest albedo as large as possible, a linear
+program (`minimax`).
+
+The albedo at normal incidence is what a factor of n can level; the constraint E <= 1 holds at every angle all the same, because
+the worst angle that `check` finds is put into the program until there is none above 1.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.callables import name_of
+from brdfcheck.brdf.exact_factors import exact_factor
+from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Normalized, PerCosine, Proportional, RationalFactor
+from brdfcheck.brdf.family import Family
+from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, extrema, spread
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.runtime import double_precision
+from brdfcheck.verdict import TOLERANCE, Report, Verdict, as_family, check_family
+
+Objective = Literal["minimax", "least-squares", "reciprocal"]
+OBJECTIVES: tuple[Objective, ...] = ("minimax", "least-squares", "reciprocal")
+Sampling = Literal["geometric", "linear", "integers"]
+SAMPLINGS: tuple[Sampling, ...] = ("geometric", "linear", "integers")
+
+# Rounds in which the worst angle may be put into the program.
+_ROUNDS = 8
+# In units of the largest exponent. Beyond it (n+A)/B is a constant in all but name.
+_LARGEST_A = 1e6
+# A range that is narrower than this part of its end is one exponent: what a slope would win is below the error bars.
+_NARROW = 1e-9
+# Minima that are equal up to this part are one value, reached more than once.
+_TIE = 1e-12
+# Below this a factor loses so much of the light that the reader is told why.
+_WASTEFUL = 0.7
+
+
+@dataclass(frozen=True)
+class Step:
+    """A factor on the way to the fit: its largest and smallest albedo at normal incidence (or over all angles: see `note`)."""
+
+    factor: AbstractFactor
+    peak: float
+    smallest: float
+    note: str
+
+
+@dataclass(frozen=True)
+class FactorFit:
+    """A fitted factor and what it does to the albedo of its lobe.
+
+    `peak` +- `peak_error` is the largest albedo over the range of n and all angles, `at` says where (n, cos_theta).
+    `smallest` is the smallest albedo at normal incidence, at the exponent `smallest_n`. `history`: the steps of the fit.
+    `report`: the verdict of `check`. `remark`: why the factor wastes much of the light; empty where it does not. `fitted`
+    is the factor before it was certified, `family` the family with the factor on it.
+    """
+
+    name: str
+    family: Family
+    factor: AbstractFactor
+    peak: float
+    peak_error: float
+    at: Mapping[str, float]
+    smallest: float
+    smallest_n: float
+    history: tuple[Step, ...]
+    objective: str
+    sampling: str
+    n: tuple[float, float]
+    fitted: AbstractFactor
+    report: Report
+    remark: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the lobe with this factor conserves energy, over all angles."""
+        return self.report.verdict
+
+
+class RawAlbedo:
+    """The albedo of a family of one exponent n without its factor, as a function of n, and the family with a factor on it.
+
+    ValueError where the family has no exponent n, or other parameters besides.
+    """
+
+    def __init__(self, target: Any, n: tuple[float, float]):
+        low, high = _checked_range(n)
+        self.low, self.high = low, high
+        family = _one_exponent(target, (low, high))
+        self.name = family.name
+        self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
+        self._albedo = PointwiseAlbedo(self.family)
+
+    @property
+    def lobe(self) -> Any:
+        """The family's member at the lower end of the range, without its factor."""
+        return self.family.build(n=self.low)
+
+    @property
+    def single(self) -> bool:
+        """True where the range is one exponent in all but name: within it no factor varies."""
+        return self.high - self.low <= _NARROW * self.high
+
+    @property
+    def fast(self) -> bool:
+        """True where an albedo costs microseconds."""
+        return self._albedo.fast
+
+    def grid(self) -> np.ndarray:
+        """Exponents to begin with, the ends of the range among them."""
+        return spread(self.low, self.high, 257 if self._albedo.engine == "zonal" else 65 if self.fast else 33)
+
+    def __call__(self, n: np.ndarray) -> np.ndarray:
+        """The raw albedo at normal incidence (or the cosine nearest to it that the family allows), shape (points,)."""
+        return self.at(n, np.full(len(n), self.family.cos_theta[1]))
+
+    def at(self, n: np.ndarray, cos_theta: np.ndarray) -> np.ndarray:
+        """The raw albedo at pairs of exponent and cosine of incidence, shape (points,)."""
+        return self._albedo(n[:, None], cos_theta, np.zeros(len(n)))[0]
+
+    def with_factor(self, factor: AbstractFactor) -> Family:
+        """The family with this factor instead of none."""
+        raw = self.family
+        return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n))
+
+    def lowest(self, factor: AbstractFactor) -> tuple[float, float]:
+        """The smallest albedo at normal incidence with `factor`, and its exponent: a continuous minimum.
+
+        Where it is reached more than once, as minimax factors reach it, the exponent is the smallest.
+        """
+        grid = self.grid()
+
+        def curve(n: np.ndarray) -> np.ndarray:
+            return np.asarray(factor(jnp.asarray(n))) * self(n)
+
+        places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
+        smallest = float(np.min(values))
+        return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
+
+
+def _checked_range(n: tuple[float, float]) -> tuple[float, float]:
+    try:
+        low, high = (float(bound) for bound in n)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the range of n must be two numbers (LO, HI); got {n!r}") from error
+    if not (math.isfinite(low) and math.isfinite(high) and 0 <= low <= high):
+        raise ValueError(f"the range of n must be finite, with 0 <= LO <= HI; got {low:g}:{high:g}")
+    return low, high
+
+
+def _one_exponent(target: Any, n: tuple[float, float]) -> Family:
+    name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
+    known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
+    if known is not None and "n" not in known.ranges:
+        has = ", ".join(known.ranges) or "no parameters"
+        raise ValueError(f"{name} has no exponent n to normalise over; it has {has}")
+    family = as_family(target, {"n": n}, None)
+    held = {key: bounds for key, bounds in family.ranges.items() if key != "n"}
+    for key, (low, high) in held.items():
+        if low != high:
+            raise ValueError(f"{name}: a factor is a function of n alone; hold {key} at one value, not {low:g}:{high:g}")
+    values = {key: low for key, (low, _) in held.items()}
+    return Family(family.name, lambda n: family.build(n=n, **values), {"n": n}, family.cos_theta)
+
+
+def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:
+    """`brdf` with the factor in place of its own (None: without any)."""
+    if isinstance(brdf, Normalized):
+        return _with_factor(brdf.lobe, factor, n)
+    if isinstance(brdf, PerCosine):
+        return PerCosine(_with_factor(brdf.base, factor, n))
+    if factor is None:
+        return brdf
+    if isinstance(brdf, AbstractZonalLobe) and hasattr(brdf, "n"):
+        return Normalized(brdf, factor)
+    if isinstance(brdf, AbstractBRDF):
+        return _Scaled(brdf, factor, n)
+    # A function stays what it was: one that JAX can trace, or one of numpy.
+    return lambda wi, wo: factor(jnp.asarray(n)) * brdf(wi, wo)
+
+
+class _Scaled(AbstractBRDF):
+    """Any BRDF times a factor: for families whose exponent is hidden in other parameters."""
+
+    base: AbstractBRDF
+    factor: AbstractFactor
+    n: Any
+
+    def __call__(self, wi: Any, wo: Any) -> Any:
+        return self.factor(jnp.asarray(self.n)) * self.base(wi, wo)
+
+
+def certify(raw: RawAlbedo, factor: Factor, *, tolerance: float = TOLERANCE) -> tuple[Factor, Report]:
+    """The factor with B enlarged by the largest albedo over all angles, so that it conserves; and the verdict on it."""
+    report = check_family(raw.with_factor(factor), tolerance=tolerance, intervals=False)
+    excess = report.albedo + report.error
+    if not math.isfinite(excess):
+        raise ValueError(f"{raw.name}: the largest albedo is not finite, so no factor normalises it")
+    if not _kept(report):
+        factor = Factor(factor.A, factor.B * excess)
+        report = check_family(raw.with_factor(factor), tolerance=tolerance)
+    return factor, report
+
+
+def _kept(report: Report) -> bool:
+    """Whether the factor may stay as it is. A bar that contains 1 may be rounding alone: exact factors stay."""
+    return report.albedo - report.error <= 1 and report.verdict is Verdict.CONSERVES
+
+
+def fit_factor(
+    family: Any,
+    n: tuple[float, float] = (1, 1000),
+    objective: Objective = "minimax",
+    *,
+    sampling: Sampling = "geometric",
+    samples: int = 400,
+    tolerance: float = TOLERANCE,
+) -> FactorFit:
+    """The factor (n+A)/B that normalises a lobe on a range of exponents, and the verdict on the result over all angles.
+
+    `family`: a catalogue name, a `Family`, or a class or function n -> BRDF; a factor that it already carries is taken off.
+    `objective`: "minimax" keeps E <= 1 at every angle and makes the smallest albedo at normal incidence as large as a factor
+    of this form can (B < 0, a line that falls with n, where the raw albedo rises); "least-squares" (sum of (E - 1)^2) and
+    "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see `samples` exponents spaced as `sampling`
+    says: geometric, linear, or every integer of the range.
+
+    Raises ValueError for a bad range, objective or sampling, for a family without an exponent n, and where no factor of this
+    form conserves; KeyError for an unknown name.
+    """
+    if objective not in OBJECTIVES:
+        raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}")
+    if sampling not in SAMPLINGS:
+        raise ValueError(f"sampling must be one of {', '.join(SAMPLINGS)}; got {sampling!r}")
+    if not isinstance(samples, int) or isinstance(samples, bool) or samples < 2:
+        raise ValueError(f"samples must be a whole number, at least 2; got {samples!r}")
+    with double_precision():
+        raw = RawAlbedo(family, n)
+        if objective == "minimax":
+            return fit_form(raw, (1, 0), tolerance=tolerance)
+        places = _samples(raw, sampling, samples)
+        fitted = _least_squares(raw, places, objective)
+        factor, report = certify(raw, fitted, tolerance=tolerance)
+        return _result(raw, factor, report, [_step(raw, fitted, f"{objective}, {len(places)} exponents")], objective, sampling)
+
+
+def _samples(raw: RawAlbedo, sampling: Sampling, count: int) -> np.ndarray:
+    if raw.single:
+        return np.array([raw.low])
+    if sampling == "integers":
+        whole = np.arange(math.ceil(raw.low), math.floor(raw.high) + 1, dtype=float)
+        if whole.size < 2:
+            raise ValueError(f"there are fewer than two integers in {raw.low:g}:{raw.high:g}; choose another sampling")
+        if whole.size > 100_000:
+            raise ValueError(f"there are {whole.size} integers in {raw.low:g}:{raw.high:g}, at most 100000 can be sampled")
+        return whole
+    if sampling == "linear":
+        return np.linspace(raw.low, raw.high, count)
+    return np.geomspace(raw.low, raw.high, count) if raw.low > 0 else spread(raw.low, raw.high, count)
+
+
+def _least_squares(raw: RawAlbedo, n: np.ndarray, objective: Objective) -> Factor:
+    """Levenberg-Marquardt on the residuals of either objective, which are linear in 1/B and A/B."""
+    albedo = raw(n)
+    if not np.all(np.isfinite(albedo) & (albedo > 0)):
+        raise ValueError(f"{raw.name}: the raw albedo must be finite and > 0 to be normalised")
+    if n.size == 1:
+        return _one_point(float(n[0]), float(albedo[0]))
+    scale = float(n[-1])
+    # Both unknowns are of the order of 1/E(n) at the upper end.
+    size = 1 / albedo[-1]
+
+    def residual(unknowns: Any, _: Any) -> Any:
+        line = size * (unknowns[0] * jnp.asarray(n) / scale + unknowns[1])
+        return (
+            line * jnp.asarray(albedo) - 1 if objective == "least-squares" else line / size - 1 / (size * jnp.asarray(albedo))
+        )
+
+    # Linear, so a Gauss-Newton step with little damping ends it; the tolerance is on the scaled unknowns.
+    solver = optx.LevenbergMarquardt(rtol=1e-13, atol=1e-15)
+    solution = optx.least_squares(residual, solver, jnp.asarray([1.0, 0.0]), max_steps=400, throw=False)
+    slope, offset = (float(part) for part in solution.value)
+    return _two_constants(raw, offset * size, slope * size / scale)
+
+
+def _one_point(n: float, albedo: float) -> Factor:
+    """A range of one exponent leaves A free: the plainest factor."""
+    return Factor(0.0, n * albedo) if n > 0 else Factor(1.0, albedo)
+
+
+def _one_point_form(degrees: tuple[int, ...], n: float, albedo: float) -> AbstractFactor:
+    """Any form of factor over a range of one exponent, where its value there is all that counts."""
+    if degrees == (0, 0) or (degrees == (1, 0, 1) and n == 0):
+        return Constant(1 / albedo)
+    if degrees == (1, 0, 1):
+        return Proportional(n * albedo)
+    if degrees == (1, 0):
+        return _one_point(n, albedo)
+    return RationalFactor([1 / albedo] + [0.0] * degrees[0], [1.0] + [0.0] * degrees[1])
+
+
+def _step(raw: RawAlbedo, factor: AbstractFactor, note: str) -> Step:
+    grid = raw.grid()
+
+    def curve(n: np.ndarray) -> np.ndarray:
+        return np.asarray(factor(jnp.asarray(n))) * raw(n)
+
+    _, values = extrema(curve, grid, curve(grid), 4 if raw.fast else 1)
+    return Step(factor, float(values.max()), float(values.min()), note)
+
+
+def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int], *, tolerance: float = TOLERANCE) -> FactorFit:
+    """The minimax factor of another form: P(n)/Q(n) of degrees (p, q), or (p, q, r) where P starts at the power r.
+
+    (0, 0) is a constant, (1, 0, 1) is n/B, (1, 0) is (n+A)/B. ValueError where no such factor conserves.
+    """
+    history: list[Step] = []
+    ceiling = _ceiling(raw)
+    factor: AbstractFactor | None = None
+    best_of_its_form = True
+    for _ in range(_ROUNDS):
+        if raw.single:
+            ends = raw(np.array([raw.low, raw.high]))
+            factor = _one_point_form(degrees, raw.low, float(max(np.append(ceiling.albedo, ends))))
+            history.append(_step(raw, factor, "one exponent"))
+        else:
+            best, steps = best_rational(raw, raw.grid(), degrees, ceiling, rounds=8 if raw.fast else 2)
+            factor = _as_factor(raw, degrees, best)
+            history += [Step(_as_factor(raw, degrees, step), step.largest, step.smallest, "exchange") for step in steps]
+        report = check_family(raw.with_factor(factor), tolerance=tolerance)
+        if not math.isfinite(report.albedo + report.error):
+            raise ValueError(f"{raw.name}: the largest albedo is not finite, so no factor normalises it")
+        if _kept(report):
+            break
+        if not report.albedo > 1 + 1e-6:  # what is left is the accuracy of the search: take it off the factor
+            factor = _shrunk(factor, report.albedo + report.error)
+            report = check_family(raw.with_factor(factor), tolerance=tolerance)
+            if _kept(report):
+                break
+        # The worst place over all angles joins the program.
+        place = np.array([report.parameters["n"]])
+        roof = raw.at(place, np.array([report.cos_theta]))
+        ceiling = Ceiling(np.append(ceiling.n, place), np.append(ceiling.albedo, roof))
+        history.append(Step(factor, report.albedo, history[-1].smallest, f"check: worst at {report.angle:.4g} degrees"))
+    else:
+        assert factor is not None
+        best_of_its_form = False
+        factor = _shrunk(factor, report.albedo + report.error)
+        report = check_family(raw.with_factor(factor), tolerance=tolerance)
+    return _result(raw, factor, report, history, "minimax", "continuous", best_of_its_form)
+
+
+def _shrunk(factor: AbstractFactor, by: float) -> AbstractFactor:
+    if isinstance(factor, Factor):
+        return Factor(factor.A, factor.B * by)
+    if isinstance(factor, Constant):
+        return Constant(factor.value / by)
+    if isinstance(factor, Proportional):
+        return Proportional(factor.B * by)
+    assert isinstance(factor, RationalFactor)
+    return RationalFactor(factor.numerator / by, factor.denominator)
+
+
+def _ceiling(raw: RawAlbedo) -> Ceiling:
+    """Raw albedos away from normal incidence: the worst cosine for some exponents, where it is not the normal one."""
+    low, high = raw.family.cos_theta
+    if low == high:
+        return Ceiling(np.zeros(0), np.zeros(0))
+    n = raw.grid()[:: 8 if raw.fast else 16]
+    cosines = low + (high - low) * np.linspace(0, 1, 17 if raw.fast else 5) ** 2
+    table = raw.at(np.repeat(n, cosines.size), np.tile(cosines, n.size)).reshape(n.size, cosines.size)
+    worst = table.max(axis=1)
+    steeper = worst > table[:, -1] * (1 + 1e-12)
+    return Ceiling(n[steeper], worst[steeper])
+
+
+def _as_factor(raw: RawAlbedo, degrees: tuple[int, ...], best: Rational) -> AbstractFactor:
+    numerator, denominator = best.numerator, best.denominator
+    if len(denominator) > 1:
+        scale = denominator[np.argmax(np.abs(denominator))]
+        return RationalFactor(numerator / scale, denominator / scale)
+    if degrees == (0, 0):
+        return Constant(numerator[0])
+    if degrees == (1, 0, 1):
+        return Proportional(1 / numerator[1])
+    return _two_constants(raw, numerator[0], numerator[1])
+
+
+def _two_constants(raw: RawAlbedo, intercept: float, slope: float) -> Factor:
+    """(n+A)/B for the line intercept + slope n.
+
+    A level line has no such form: then A and B are so large that the factor is a constant in all but name. So it is where the
+    line falls below 0 within the range, which only a curve fit without constraints does.
+    """
+    largest = _LARGEST_A * raw.high
+    steep = abs(slope) * largest > abs(intercept)
+    if steep and (slope > 0 or intercept + slope * raw.high > 0):
+        return Factor(intercept / slope, 1 / slope)
+    return Factor(largest, (largest + raw.high) / abs(intercept))
+
+
+def _result(
+    raw: RawAlbedo,
+    factor: AbstractFactor,
+    report: Report,
+    history: list[Step],
+    objective: str,
+    sampling: str,
+    best_of_its_form: bool = False,
+) -> FactorFit:
+    smallest, where = raw.lowest(factor)
+    fitted = history[0].factor if objective != "minimax" else history[-1].factor
+    history.append(Step(factor, report.albedo, smallest, "certified over all angles"))
+    found = {
+        "objective": objective,
+        "at": {"n": report.parameters["n"], "cos_theta": report.cos_theta},
+        "smallest": smallest,
+        "smallest_n": where,
+    }
+    return FactorFit(
+        name=raw.name,
+        family=raw.with_factor(factor),
+        factor=factor,
+        peak=report.albedo,
+        peak_error=report.error,
+        history=tuple(history),
+        sampling=sampling,
+        n=(raw.low, raw.high),
+        fitted=fitted,
+        report=report,
+        remark=_remark(raw, found, best_of_its_form) if smallest < _WASTEFUL else "",
+        **found,
+    )
+
+
+def _remark(raw: RawAlbedo, fit: dict[str, Any], best_of_its_form: bool) -> str:
+    """Why a factor wastes: an angle or a growth of the raw albedo that no factor of this form can follow."""
+    smallest, where, at = fit["smallest"], fit["smallest_n"], fit["at"]
+    best = "even the best factor of this form" if best_of_its_form else "this factor"
+    text = f"{best} reflects only {smallest:.4g} of the light at n={where:.5g}"
+    worst = np.array([at["n"]])
+    normal = float(raw(worst)[0])
+    tilted = float(raw.at(worst, np.array([at["cos_theta"]]))[0])
+    if tilted > 1.5 * normal:
+        angle = math.degrees(math.acos(at["cos_theta"]))
+        return (
+            f"{text}: at {angle:.4g} degrees the lobe reflects {tilted / normal:.4g} times what it reflects at normal incidence"
+            f" (n={at['n']:.5g}), and a factor of n alone cannot level angles"
+        )
+    low, high = (float(value) for value in raw(np.array([raw.low, raw.high])))
+    if high > low:
+        return (
+            f"{text}: the raw albedo does not fall with n ({low:.4g} at n={raw.low:g}, {high:.4g} at n={raw.high:g}), and a"
+            " straight line cannot fall as it rises"
+        )
+    places = np.unique([raw.low, where, raw.high])
+    products = places * raw(places)
+    shown = ", ".join(f"{product:.4g} at n={place:.5g}" for place, product in zip(places, products, strict=True))
+    text += f": n times the raw albedo is {shown}, and a factor that grows like n can only follow where that is level"
+    # Two octaves at the far end tell a logarithm from a power.
+    far = raw.high / np.array([4.0, 2.0, 1.0])
+    if far[0] > raw.low and far[0] > 0:
+        rise = np.diff(far * raw(far)) / np.log(2)
+        if rise[1] > 0 and abs(rise[1] / rise[0] - 1) < 0.1:
+            text += f"; it grows like {rise[1]:.4g} ln n, the mark of a tail that falls too slowly"
+        elif rise[1] > 0 and rise[1] > 1.5 * rise[0]:
+            text += "; it grows like a power of n: the lobe stops getting narrower"
+    return text
+
+
+def closed_form(raw: RawAlbedo) -> AbstractFactor | None:
+    """The exact factor of the lobe behind `raw`, where there is a closed form."""
+    return exact_factor(raw.lobe)
+
+
+def to_json_object(fit: FactorFit) -> dict[str, Any]:
+    """All fields of a fit but its report, ready for strict JSON."""
+    return {
+        "name": fit.name,
+        "objective": fit.objective,
+        "sampling": fit.sampling,
+        "n": list(fit.n),
+        "factor": factor_json(fit.factor),
+        "fitted": factor_json(fit.fitted),
+        "peak": fit.peak,
+        "peak_error": fit.peak_error,
+        "at": dict(fit.at),
+        "smallest": fit.smallest,
+        "smallest_n": fit.smallest_n,
+        "remark": fit.remark,
+        "history": [
+            {"factor": factor_json(step.factor), "peak": step.peak, "smallest": step.smallest, "note": step.note}
+            for step in fit.history
+        ],
+    }
+
+
+def factor_json(factor: AbstractFactor) -> dict[str, Any]:
+    """The form and the constants of a factor, ready for strict JSON."""
+    constants = {
+        key: cast(Any, np.asarray(value).tolist())
+        for key, value in vars(factor).items()
+        if isinstance(value, (jax.Array, np.ndarray))
+    }
+    return {"form": type(factor).__name__, **constants}
+
+
+def describe(factor: AbstractFactor, digits: int = 6) -> str:
+    """The factor as a formula in n."""
+    if isinstance(factor, Factor):
+        a, b = float(factor.A), float(factor.B)
+        if b < 0:
+            return f"({-a:.{digits}g} - n)/{-b:.{digits}g}"
+        return f"(n {'+' if a >= 0 else '-'} {abs(a):.{digits}g})/{b:.{digits}g}"
+    if isinstance(factor, Constant):
+        return f"{float(factor.value):.{digits}g}"
+    if isinstance(factor, Proportional):
+        return f"n/{float(factor.B):.{digits}g}"
+    if isinstance(factor, RationalFactor):
+        parts = [_polynomial(np.asarray(part), digits) for part in (factor.numerator, factor.denominator)]
+        return f"({parts[0]})/({parts[1]})"
+    return type(factor).__name__
+
+
+def _polynomial(coefficients: np.ndarray, digits: int) -> str:
+    terms = []
+    for power in range(len(coefficients) - 1, -1, -1):
+        value = float(coefficients[power])
+        letter = "" if power == 0 else "n" if power == 1 else f"n^{power}"
+        sign = ("-" if value < 0 else "") if not terms else (" - " if value < 0 else " + ")
+        terms.append(f"{sign}{abs(value):.{digits}g}{' ' if letter else ''}{letter}")
+    return "".join(terms)

@@ -1,0 +1,184 @@
+"""A family of one parameter on a grid: the quadrature's albedo, which tables and fits are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.factors import AbstractFactor, Factor, Normalized, PerCosine
+from brdfcheck.brdf.family import Family
+from brdfcheck.quadrature.albedo import peel
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.runtime import double_precision
+from brdfcheck.verdict import as_family
+
+
+@dataclass(frozen=True)
+class AlbedoGrid:
+    """The albedo of a family on a grid: `values` and `errors` have the shape (parameter, cos_theta); never clamped."""
+
+    family: Family
+    parameter: str
+    nodes: Float[np.ndarray, " parameter"]
+    cos_theta: Float[np.ndarray, " cos_theta"]
+    values: Float[np.ndarray, "parameter cos_theta"]
+    errors: Float[np.ndarray, "parameter cos_theta"]
+    engine: str
+    form: str | None
+    factor: AbstractFactor | None
+    factored: bool
+    placement: str
+
+
+def formula_of(family: Family) -> str:
+    """The catalogue's formula of a family, with a note where its factor was replaced; empty for what it does not hold."""
+    entry = next((entry for entry in catalog.entries() if entry.name == family.name), None)
+    if entry is None:
+        return ""
+    if entry.family.build is family.build:
+        return entry.formula
+    return f"{entry.formula}, its factor replaced by the one named below"
+
+
+def one_parameter_family(
+    target: Any,
+    cos_theta: tuple[float, float] | None = None,
+    factor: Any = None,
+    **ranges: tuple[float, float],
+) -> Family:
+    """What `brdfcheck.check` takes, as a family of exactly one parameter; with `factor`, in place of the family's own.
+
+    `factor`: anything callable with an exponent, or with numbers A and B. Raises ValueError for bad ranges, parameters other
+    than one, or a factor for something that is not a lobe about an axis; KeyError and TypeError as `check` does.
+    """
+    family = as_family(target, ranges, cos_theta)
+    if len(family.ranges) != 1:
+        raise ValueError(
+            f"{family.name} has {len(family.ranges)} parameters ({', '.join(family.ranges) or 'none'}); exactly one is needed"
+        )
+    if factor is None:
+        return family
+    if not callable(factor):
+        if not (hasattr(factor, "A") and hasattr(factor, "B")):
+            raise ValueError(f"a factor must be callable or have numbers A and B; got {factor!r}")
+        factor = Factor(float(factor.A), float(factor.B))
+    scale: Any = factor
+
+    def build(**values: Any) -> Normalized:
+        brdf = family.build(**values)
+        lobe = brdf.lobe if isinstance(brdf, Normalized) else brdf
+        if not isinstance(lobe, AbstractZonalLobe):
+            raise ValueError(f"a factor (n+A)/B needs a lobe with an exponent n; {family.name} is not one")
+        return Normalized(lobe, scale)
+
+    build(**{name: low for name, (low, _) in family.ranges.items()})
+    return Family(family.name, build, family.ranges, family.cos_theta)
+
+
+class Sampler:
+    """The albedo of a family at any points, and what the family is made of."""
+
+    def __init__(self, family: Family, rtol: float | None):
+        self.family = family
+        ((self.parameter, bounds),) = family.ranges.items()
+        self.range = float(bounds[0]), float(bounds[1])
+        if self.range[0] < 0 and self.parameter == "n":
+            raise ValueError(f"n must be >= 0; got {self.range[0]:g}")
+        first, last = (family.build(**{self.parameter: bound}) for bound in bounds)
+        self.albedo = PointwiseAlbedo(family)
+        if self.albedo.anisotropic:
+            raise ValueError(f"{family.name} is anisotropic: its albedo is not a function of {self.parameter} and cos_theta")
+        self.rtol = rtol
+        self.factor = _constant_factor(first, last)
+        self.factored = isinstance(_under_cosine(first), Normalized)
+        self.form = getattr(peel(first)[0], "form", None) if self.albedo.fast else None
+
+    def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and errors on the grid of two axes, shape (parameter, mu)."""
+        pairs = np.array(list(product(parameter, mu)))
+        value, error = self.albedo(pairs[:, :1], pairs[:, 1], np.zeros(len(pairs)), rtol=self.rtol)
+        shape = (len(parameter), len(mu))
+        return value.reshape(shape), error.reshape(shape)
+
+
+def _under_cosine(brdf: Any) -> Any:
+    return _under_cosine(brdf.base) if isinstance(brdf, PerCosine) else brdf
+
+
+def _constant_factor(first: Any, last: Any) -> AbstractFactor | None:
+    """The factor around a lobe where it is the same for the whole range, else None."""
+    first, last = _under_cosine(first), _under_cosine(last)
+    if not (isinstance(first, Normalized) and isinstance(last, Normalized)):
+        return None
+    fields = [
+        [np.asarray(getattr(brdf.factor, name)).tolist() for name in brdf.factor.__dataclass_fields__] for brdf in (first, last)
+    ]
+    return first.factor if type(first.factor) is type(last.factor) and fields[0] == fields[1] else None
+
+
+def spaced(low: float, high: float, position: np.ndarray) -> tuple[np.ndarray, str]:
+    """Numbers at `position` in [0, 1] of a parameter's range, and the rule in words.
+
+    Geometric where the range spans a factor above 10, geometric in 1 + p from 0 on, else evenly.
+    """
+    if low > 0 and high > 10 * low and high > 2:
+        return low * (high / low) ** position, f"{low:g} * ({high:g}/{low:g})^t"
+    if low >= 0 and high > 10:
+        ratio = (1 + high) / (1 + low)
+        return (1 + low) * ratio**position - 1, f"(1+{low:g}) ((1+{high:g})/(1+{low:g}))^t - 1"
+    return low + position * (high - low), f"{low:g} + t ({high:g} - {low:g})"
+
+
+def tabulate(
+    target: Any,
+    *,
+    count: tuple[int, int] = (64, 64),
+    cos_theta: tuple[float, float] | None = None,
+    factor: Any = None,
+    placement: str = "centres",
+    rtol: float | None = None,
+    **ranges: tuple[float, float],
+) -> AlbedoGrid:
+    """The quadrature's albedo on a grid of `count` (parameter, cos_theta) nodes, with the factor, never clamped.
+
+    `target`, `factor`, `ranges` as for `fit_albedo`. `placement`: "centres", node k of N at t = (k + 1/2)/N, as the texels of
+    a texture lie, or "ends", t = k/(N - 1). cos_theta runs evenly in t; a parameter that spans more than a factor of 10
+    geometrically. RGB families: the largest channel. Raises as `fit_albedo` does, and ValueError for counts below 2 or an
+    unknown placement.
+    """
+    if placement not in ("centres", "ends"):
+        raise ValueError(f"placement must be 'centres' or 'ends'; got {placement!r}")
+    if len(count) != 2 or any(isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size < 2 for size in count):
+        raise ValueError(f"count must be two integers >= 2; got {count!r}")
+    with double_precision():
+        family = one_parameter_family(target, cos_theta, factor, **ranges)
+        return _tabulated(family, Sampler(family, rtol), count, placement)
+
+
+def _tabulated(family: Family, sampler: Sampler, count: tuple[int, int], placement: str) -> AlbedoGrid:
+    t = [(np.arange(size) + 0.5) / size if placement == "centres" else np.linspace(0, 1, size) for size in count]
+    nodes, rule = spaced(*sampler.range, t[0])
+    low, high = family.cos_theta
+    mu = low + (high - low) * t[1]
+    values, errors = sampler(nodes, mu)
+    where = "(k + 1/2)/N" if placement == "centres" else "k/(N - 1)"
+    words = f"node k of N at t = {where}; {sampler.parameter} = {rule}; cos_theta = {low:g} + t ({high:g} - {low:g})"
+    return AlbedoGrid(
+        family,
+        sampler.parameter,
+        nodes,
+        mu,
+        values,
+        errors,
+        sampler.albedo.engine,
+        sampler.form,
+        sampler.factor,
+        sampler.factored,
+        words,
+    )

@@ -1,0 +1,315 @@
+"""Curves from files: records of `plot --json` and `study`, fits, and the stores of sweeps. Nothing is computed with JAX.
+
+What is wrong with a file is a `UsageError` in one line that names it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from brdfcheck.messages import UsageError, one_line
+from brdfcheck.output.records import SCHEMA, SCHEMA_VERSION, number
+
+Curve = dict[str, Any]
+
+_ABOVE = 1 + 1e-9
+_MOST = 40  # curves from one store
+_NEEDED = {
+    "albedo-vs-n": ("parameter", "range", "x", "albedo"),
+    "albedo-vs-angle": ("at", "x", "albedo"),
+    "heatmap": ("parameter", "range", "x", "cosines", "albedo"),
+    "factor": ("parameter", "range", "x", "albedo", "factor", "exact"),
+}
+
+
+def is_curve_file(word: str) -> bool:
+    """True for what is a record or a store rather than a BRDF: by its name, or because it is there and no Python file."""
+    bare = word.rstrip("/" + os.sep)
+    if bare.endswith((".json", ".zarr")):
+        return True
+    return not bare.endswith(".py") and os.path.exists(word) and ":" not in word
+
+
+def read(path: str, kind: str) -> tuple[list[Curve], list[Curve]]:
+    """The curves of a file for a figure of `kind`, and the fits in it, whose curves have yet to be computed."""
+    if os.path.isdir(path):
+        return from_store(path, kind), []
+    record = _record(path)
+    if record.get("schema") != SCHEMA or not isinstance(record.get("results"), list):
+        raise UsageError(f"{path}: not a record of brdfcheck (plot --json, fit --json, a study, or a folder written by sweep)")
+    if isinstance(record.get("schema_version"), int) and record["schema_version"] > SCHEMA_VERSION:
+        raise UsageError(f"{path}: written by a newer brdfcheck (schema {record['schema_version']}; known: {SCHEMA_VERSION})")
+    results = [result for result in record["results"] if isinstance(result, dict)]
+    if record.get("command") == "fit":
+        if kind not in ("factor", "albedo-vs-n"):
+            raise UsageError(f"{path}: a fit can be plotted as factor or albedo-vs-n, not as {kind}")
+        return [], results
+    curves = [result for result in results if result.get("kind") in _NEEDED]
+    if not curves:
+        command = one_line(record.get("command", "?"))
+        raise UsageError(f"{path}: the record of brdfcheck {command} holds no curves; those of plot --json and study do")
+    for curve in curves:
+        _refuse(path, curve)
+    same = [_filled(curve) for curve in curves if curve["kind"] == kind]
+    if same:
+        return same, []
+    made = [_from_record(curve, kind) for curve in curves]
+    found = [curve for part in made for curve in part]
+    if not found:
+        held = ", ".join(dict.fromkeys(curve["kind"] for curve in curves))
+        raise UsageError(f"{path}: holds no curve for {kind}; it holds {held}")
+    return found, []
+
+
+def _record(path: str) -> dict[str, Any]:
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise UsageError(f"there is no file {path!r}") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot read {path!r}: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+    try:
+        record = json.loads(text)
+    except ValueError as error:
+        raise UsageError(f"{path}: not JSON: {one_line(error)}") from None
+    if not isinstance(record, dict):
+        raise UsageError(f"{path}: not a record of brdfcheck, but a JSON {type(record).__name__}")
+    return record
+
+
+def _refuse(path: str, curve: Mapping[str, Any]) -> None:
+    """UsageError where a curve cannot be drawn."""
+    name, kind = one_line(curve.get("name", "?")), curve["kind"]
+    missing = [key for key in ("name", *_NEEDED[kind]) if curve.get(key) is None]
+    if missing:
+        raise UsageError(f"{path}: the curve {name} has no {missing[0]!r}")
+    try:
+        x = np.array([float(value) for value in curve["x"]])
+        shape = (len(x),) if kind != "heatmap" else (len(x), len(curve["cosines"]))
+        for key in ("albedo", "factor", "exact"):
+            if key in curve and np.array([_floats(row) for row in curve[key]]).shape != shape:
+                raise ValueError(f"{key} and x differ in length")
+        if not x.size or not np.all(np.diff(x) > 0) or not np.all(np.isfinite(x)):
+            raise ValueError("x does not rise")
+        [(float(low), float(high)) for low, high in curve.get("above") or ()]
+        [float(bound) for bound in [*(curve.get("range") or ()), *(curve.get("cos_theta") or ())]]
+        if kind == "albedo-vs-angle":
+            {name: float(value) for name, value in curve["at"].items()}
+    except (TypeError, ValueError, AttributeError) as error:
+        raise UsageError(f"{path}: the curve {name} is damaged: {one_line(error)}") from None
+
+
+def _floats(row: Any) -> Any:
+    return [float(value) for value in row] if isinstance(row, list) else float(row)
+
+
+def _filled(curve: Curve) -> Curve:
+    """What a figure asks for and an older or foreign record may lack."""
+    return {"above": [], "cos_theta": [0.0, 1.0], "label": None, "largest": None, "held": {}, **curve}
+
+
+def _from_record(curve: Curve, kind: str) -> list[Curve]:
+    """A curve of another kind as one of `kind`, where the numbers are there."""
+    curve = _filled(curve)
+    if curve["kind"] == "factor" and kind == "albedo-vs-n":
+        return [{**curve, "kind": kind}]
+    if curve["kind"] == "heatmap" and kind != "factor":
+        x, mu = np.array(curve["x"], float), np.array(curve["cosines"], float)
+        values = np.array([_floats(row) for row in curve["albedo"]])
+        return from_grid(kind, curve["name"], curve["parameter"], x, mu, values)
+    return []
+
+
+# --- grids ---
+
+
+def from_grid(
+    kind: str,
+    name: str,
+    parameter: str,
+    x: np.ndarray,
+    mu: np.ndarray,
+    values: np.ndarray,
+    *,
+    label: str | None = None,
+    wanted: Sequence[float] | None = None,
+) -> list[Curve]:
+    """Curves of a grid of albedos (x, cos theta), both rising. `wanted`: values of x for curves over angles.
+
+    Ends of intervals are interpolated between the samples.
+    """
+    known = np.where(np.isnan(values), -np.inf, values)
+    row, column = np.unravel_index(int(np.argmax(known)), known.shape)
+    base: Curve = {
+        "name": name,
+        "label": label,
+        "formula": None,
+        "engine": "grid",
+        "parameter": parameter,
+        "range": [float(x[0]), float(x[-1])],
+        "held": {},
+        "cos_theta": [float(mu[0]), float(mu[-1])],
+        "verdict": None,
+    }
+
+    def largest(i: int, j: int) -> Curve:
+        at = {parameter: float(x[i])}
+        return {"largest": {"albedo": number(values[i, j]), "error": None, "at": at, "cos_theta": float(mu[j])}}
+
+    if kind == "albedo-vs-n":
+        top = np.max(known, axis=1)
+        top = np.where(np.isinf(top) & (top < 0), np.nan, top)
+        above = _crossings(x, top)
+        curve = {"x": _numbers(x), "albedo": _numbers(top), "worst_cos_theta": _numbers(mu[np.argmax(known, axis=1)])}
+        return [{**base, "kind": kind, **curve, "above": above, **largest(int(row), int(column))}]
+    if kind == "heatmap":
+        if len(x) < 2 or len(mu) < 2:
+            return []
+        rows = [_numbers(line) for line in values]
+        above = _crossings(x, np.max(known, axis=1))
+        curve = {"x": _numbers(x), "cosines": _numbers(mu), "albedo": rows}
+        return [{**base, "kind": kind, **curve, "above": above, **largest(int(row), int(column))}]
+    if kind != "albedo-vs-angle":
+        return []
+    if wanted is None:
+        rows_shown = np.unique(np.linspace(0, len(x) - 1, 5).round().astype(int)).tolist()
+    else:
+        rows_shown = list(dict.fromkeys(int(np.argmin(np.abs(x - value))) for value in wanted))
+    return [
+        {
+            **base,
+            "kind": kind,
+            "parameter": None,
+            "range": None,
+            "at": {parameter: float(x[i])},
+            "x": _numbers(mu),
+            "albedo": _numbers(values[i]),
+            "above": _crossings(mu, values[i]),
+            **largest(i, int(np.argmax(known[i]))),
+        }
+        for i in rows_shown
+    ]
+
+
+def _numbers(values: Any) -> list[Any]:
+    return [number(float(f"{value:.12g}")) for value in np.asarray(values, float)]
+
+
+def _crossings(x: np.ndarray, values: np.ndarray) -> list[list[float]]:
+    """Intervals of x in which the values exceed 1, linear between the samples (geometric where x spans decades)."""
+    long = x[0] > 0 and x[-1] / x[0] >= 15
+    place = np.log(x) if long else x
+    above = values > _ABOVE
+    edges = [float(x[0])] if above[0] else []
+    for i in np.flatnonzero(above[1:] != above[:-1]):
+        first, second = values[i] - 1, values[i + 1] - 1
+        part = first / (first - second) if np.isfinite(first) and np.isfinite(second) else 0.5
+        crossing = place[i] + part * (place[i + 1] - place[i])
+        edges.append(float(np.exp(crossing)) if long else float(crossing))
+    if above[-1]:
+        edges.append(float(x[-1]))
+    return [[low, high] for low, high in zip(edges[::2], edges[1::2], strict=True)]
+
+
+# --- stores ---
+
+
+def from_store(
+    path: str,
+    kind: str,
+    *,
+    wanted: Sequence[float] | None = None,
+    n: tuple[float, float] | None = None,
+    cos_theta: tuple[float, float] | None = None,
+) -> list[Curve]:
+    """The curves of a sweep's store: one for each value of its dimensions besides the parameter and cos_theta.
+
+    The parameter is n, or where there is none the longest dimension of numbers. Of azimuths and channels the largest albedo
+    counts. `n`, `cos_theta`: only these ranges; `wanted`: exponents of curves over angles.
+    """
+    if kind == "factor":
+        raise UsageError(f"{path}: a sweep holds albedos; plot its factors by the names of the BRDFs")
+    table = _table(path)
+    for axis in ("azimuth", "channel"):
+        if axis in table.dims:
+            table = table.max(axis)
+    parameter = _parameter(table)
+    if parameter is None or "cos_theta" not in table.dims:
+        have = ", ".join(map(str, table.dims)) or "none"
+        raise UsageError(f"{path}: a plot of a sweep needs the dimension cos_theta and one of numbers, as n; it has {have}")
+    if parameter != "n" and (n is not None or wanted is not None):
+        raise UsageError(f"{path}: --n is for sweeps over n; this one is over {parameter}")
+    for name, bounds in ((parameter, n), ("cos_theta", cos_theta)):
+        table = table.sortby(name)
+        if bounds is not None:
+            table = table.sel({name: (table[name] >= bounds[0]) & (table[name] <= bounds[1])})
+            if not table.sizes[name]:
+                raise UsageError(f"{path}: holds no {name} within {bounds[0]:g}:{bounds[1]:g}")
+    others = [str(axis) for axis in table.dims if axis not in (parameter, "cos_theta")]
+    count = math.prod(table.sizes[axis] for axis in others)
+    if count > _MOST:
+        raise UsageError(f"{path}: {count} curves over {', '.join(others)} are too many for one figure (at most {_MOST})")
+    stem = Path(path).resolve().name.removesuffix(".zarr")
+    x, mu = (np.asarray(table[name].values, float) for name in (parameter, "cos_theta"))
+    curves: list[Curve] = []
+    for index in np.ndindex(*(table.sizes[axis] for axis in others)):
+        part = table.isel(dict(zip(others, index, strict=True)))
+        values = np.asarray(part.transpose(parameter, "cos_theta").values, float)
+        if np.all(np.isnan(values)):
+            continue
+        label = _label(
+            stem,
+            [(axis, part.coords[axis].item() if axis in part.coords else i) for axis, i in zip(others, index, strict=True)],
+        )
+        curves += from_grid(kind, label, parameter, x, mu, values, label=label, wanted=wanted)
+    if not curves:
+        few = kind == "heatmap" and min(len(x), len(mu)) < 2
+        raise UsageError(
+            f"{path}: "
+            + (f"a heat map needs two values of {parameter} and cos_theta" if few else "the sweep holds no albedo yet")
+        )
+    return curves
+
+
+def _parameter(table: Any) -> str | None:
+    """The dimension that a figure runs over besides the angle; None where there is none of numbers."""
+    numeric = [
+        str(axis)
+        for axis in table.dims
+        if axis not in ("cos_theta", "rtol") and axis in table.coords and table.coords[axis].dtype.kind in "fiu"
+    ]
+    return "n" if "n" in numeric else max(numeric, key=lambda axis: table.sizes[axis], default=None)
+
+
+def _label(stem: str, place: Sequence[tuple[str, Any]]) -> str:
+    """What a curve of a store is called: BRDFs by their names, other dimensions by name and value."""
+    words = [str(value) if isinstance(value, str) else f"{axis}={value:g}" for axis, value in place]
+    return ", ".join(words) or stem
+
+
+def _table(path: str) -> Any:
+    """The albedos of a store with their coordinates."""
+    import warnings
+
+    import xarray
+
+    if not any((Path(path) / name).is_file() for name in ("zarr.json", ".zgroup", ".zmetadata")):
+        raise UsageError(f"{path}: the folder holds no Zarr store of brdfcheck sweep")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            data = xarray.open_zarr(path, chunks=None)
+            if "albedo" not in data:
+                raise UsageError(f"{path}: the store holds no variable albedo")
+            return data["albedo"].load()
+    except UsageError:
+        raise
+    except Exception as error:  # whatever zarr and xarray make of a damaged store
+        raise UsageError(f"{path}: cannot read the store: {type(error).__name__}: {one_line(error)}") from None

@@ -1,0 +1,438 @@
+"""The numbers behind a figure: albedo against an exponent, against the angle, over both, and factors.
+
+Each function takes what `check` takes (a catalogue name, a family, a BRDF, a function or a factory) and returns one
+curve: a dict of plain numbers, ready for JSON and for `brdfcheck.plots`, which draws it and computes nothing. Everything
+is sampled at points that matter for the eye and, besides, exactly where the law is broken: ends of violating intervals
+and the largest albedo come from the same continuous search as the verdict, not from the sampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from brdfcheck.brdf import catalog, factors
+from brdfcheck.brdf.factors import Normalized
+from brdfcheck.brdf.family import Family
+from brdfcheck.fits.factor import RawAlbedo
+from brdfcheck.output.records import number
+from brdfcheck.quadrature.albedo import peel
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.verdict import TOLERANCE, as_family, judge
+from brdfcheck.verdict.supremum import Supremum, supremum
+
+Curve = dict[str, Any]
+
+_DIGITS = 12  # more than any figure shows, and half the file
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """How many points: what an engine's evaluations cost decides. `turns`: azimuths of an anisotropic BRDF."""
+
+    exponents: int
+    cosines: int
+    angles: int
+    rounds: int
+    turns: int
+    rtol: float | None
+
+
+_EFFORTS = {
+    "zonal": _Effort(241, 33, 129, 3, 1, None),
+    "half-vector": _Effort(61, 21, 97, 2, 1, None),
+    "adaptive": _Effort(25, 9, 33, 1, 4, 1e-6),
+    "adaptive (numpy)": _Effort(17, 7, 25, 1, 4, 1e-6),
+}
+
+
+# --- the four kinds ---
+
+
+def albedo_vs_n(
+    target: Any, *, samples: int | None = None, cos_theta: tuple[float, float] | None = None, **ranges: tuple[float, float]
+) -> Curve:
+    """The largest albedo over the cosines `cos_theta` (default: the family's, else all) against the one swept parameter.
+
+    ``cos_theta=(1, 1)`` is normal incidence. `samples`: points along the parameter, to which the ends of violating
+    intervals and the place of the maximum are added. Raises ValueError where not exactly one parameter runs over a range,
+    and what `check` raises for bad targets; `Finding` where a user's function fails.
+    """
+    family = as_family(target, ranges, cos_theta)
+    albedo = PointwiseAlbedo(family)
+    effort = _EFFORTS[albedo.engine]
+    parameter = _swept(family)
+    worst = _supremum(albedo)
+    low, high = family.ranges[parameter]
+    marks = [worst.parameters[parameter], *(end for interval in worst.above or () for end in interval)]
+    x = _between(low, high, effort.exponents if samples is None else samples, marks)
+    value, error, at = _largest(albedo, effort, _places(family, parameter, x))
+    above = _above(albedo, effort, parameter, worst, x, value, error)
+    return {
+        **_head("albedo-vs-n", family, albedo, parameter),
+        "x": _rounded(x),
+        "albedo": _rounded(value),
+        "worst_cos_theta": _rounded(at),
+        "error": number(float(f"{np.max(error):.3g}")),
+        "above": [[number(start), number(end)] for start, end in above],
+        **_worst(worst),
+    }
+
+
+def factor(target: Any, **options: Any) -> Curve:
+    """`albedo_vs_n` of a normalised lobe, with its factor (1/sr) and the largest factor that conserves energy, 1/E.
+
+    The ratio of the two is the largest albedo. Takes the options of `albedo_vs_n`. ValueError for a BRDF without a factor.
+    """
+    ranges = {name: value for name, value in options.items() if name not in ("samples", "cos_theta")}
+    family = as_family(target, ranges, options.get("cos_theta"))
+    return _with_scale(albedo_vs_n(family, samples=options.get("samples")), _scale_of(family))
+
+
+def _with_scale(curve: Curve, scale: Callable[[float], float]) -> Curve:
+    scales = np.array([scale(float(value)) for value in curve["x"]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exact = scales / np.array(curve["albedo"], float)
+    return {**curve, "kind": "factor", "factor": _rounded(scales), "exact": _rounded(exact)}
+
+
+def albedo_vs_angle(
+    target: Any, *, samples: int | None = None, cos_theta: tuple[float, float] | None = None, **values: float
+) -> Curve:
+    """The albedo against the cosine of incidence for one BRDF: the family's member at the parameters `values`.
+
+    `above` are intervals of the cosine. For anisotropic BRDFs the largest over the azimuth. Raises as `albedo_vs_n`.
+    """
+    family = as_family(target, {name: (value, value) for name, value in values.items()}, cos_theta)
+    for name, (low, high) in family.ranges.items():
+        if low != high:
+            raise ValueError(f"{family.name}: {name} runs over {low:g}:{high:g}; a curve over angles needs one value of it")
+    albedo = PointwiseAlbedo(family)
+    effort = _EFFORTS[albedo.engine]
+    place = np.array([[low for low, _ in family.ranges.values()]])
+    worst = _supremum(albedo)
+
+    def at(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _over_azimuths(albedo, effort, np.repeat(place, len(mu), axis=0), mu)
+
+    mu = _cosines(family.cos_theta, effort.angles if samples is None else samples)
+    mu = np.unique(np.append(mu, np.clip(worst.cos_theta, mu[0], mu[-1])))
+    value, error = at(mu)
+    above = _intervals(mu, value, error, at, 1e-12 if albedo.fast else 1e-5)
+    ends = np.array(sorted({end for interval in above for end in interval} - set(mu.tolist())))
+    if len(ends):
+        more, more_error = at(ends)
+        order = np.argsort(np.append(mu, ends), kind="stable")
+        mu, value = np.append(mu, ends)[order], np.append(value, more)[order]
+        error = np.append(error, more_error)[order]
+    return {
+        **_head("albedo-vs-angle", family, albedo, None),
+        "at": {name: number(low) for name, (low, _) in family.ranges.items()},
+        "x": _rounded(mu),
+        "albedo": _rounded(value),
+        "error": number(float(f"{np.max(error):.3g}")),
+        "above": [[number(start), number(end)] for start, end in above],
+        **_worst(worst),
+    }
+
+
+def heatmap(
+    target: Any, *, samples: int | None = None, cos_theta: tuple[float, float] | None = None, **ranges: tuple[float, float]
+) -> Curve:
+    """The albedo over the swept parameter and the cosine of incidence, rows of `albedo` along the parameter.
+
+    `samples`: points along the parameter. Raises as `albedo_vs_n`, and ValueError where a range holds a single value.
+    """
+    family = as_family(target, ranges, cos_theta)
+    albedo = PointwiseAlbedo(family)
+    effort = _EFFORTS[albedo.engine]
+    parameter = _swept(family)
+    low, high = family.ranges[parameter]
+    if low == high or family.cos_theta[0] == family.cos_theta[1]:
+        what = parameter if low == high else "cos theta"
+        raise ValueError(f"{family.name}: a heat map needs a range of {what}, not a single value")
+    worst = _supremum(albedo)
+    marks = [worst.parameters[parameter], *(end for interval in worst.above or () for end in interval)]
+    x = _between(low, high, (effort.exponents + 1) // 2 if samples is None else samples, marks)
+    mu = np.unique(np.append(_cosines(family.cos_theta, effort.cosines), worst.cos_theta))
+    places = _places(family, parameter, np.repeat(x, len(mu)))
+    value, error = _over_azimuths(albedo, effort, places, np.tile(mu, len(x)))
+    value, error = value.reshape(len(x), len(mu)), error.reshape(len(x), len(mu))
+    best = np.argmax(np.where(np.isnan(value), -np.inf, value), axis=1)[:, None]
+    top = (np.take_along_axis(table, best, 1)[:, 0] for table in (value, error))
+    above = _above(albedo, effort, parameter, worst, x, *top)
+    return {
+        **_head("heatmap", family, albedo, parameter),
+        "x": _rounded(x),
+        "cosines": _rounded(mu),
+        "albedo": [_rounded(row, 10) for row in value],
+        "error": number(float(f"{np.max(error):.3g}")),
+        "above": [[number(start), number(end)] for start, end in above],
+        **_worst(worst),
+    }
+
+
+KINDS: dict[str, Callable[..., Curve]] = {
+    "albedo-vs-n": albedo_vs_n,
+    "albedo-vs-angle": albedo_vs_angle,
+    "heatmap": heatmap,
+    "factor": factor,
+}
+
+
+def fitted(kind: str, target: Any, result: Mapping[str, Any], *, samples: int | None = None) -> Curve:
+    """The curve of `kind` (``factor`` or ``albedo-vs-n``) of a family with the factor of a fit, as `brdfcheck fit` records it.
+
+    A factor that the family has already is taken off. ValueError for a form of factor that is not known, KeyError where
+    `result` is not of a fit.
+    """
+    described = dict(result["factor"])
+    form = described.pop("form")
+    if form not in _FORMS:
+        raise ValueError(f"unknown form of factor {form!r}; known: {', '.join(_FORMS)}")
+    known: Any = getattr(factors, form)(**{name: np.asarray(value, float) for name, value in described.items()})
+    raw = RawAlbedo(target, (float(result["n"][0]), float(result["n"][1])))
+    family = replace(raw.with_factor(known), name=f"{raw.name}, {result['objective']}")
+    curve = albedo_vs_n(family, samples=samples)
+    return curve if kind == "albedo-vs-n" else _with_scale(curve, lambda n: float(np.asarray(known(np.asarray(n)))))
+
+
+_FORMS = ("Factor", "Constant", "Proportional", "RationalFactor", "PhongExact", "BlinnPhongExact")
+
+
+# --- values to draw a curve at ---
+
+
+def round_values(low: float, high: float, most: int = 5) -> list[float]:
+    """A few round numbers in [low, high]: powers of ten, or 1-2-5 steps where those are too few; else even steps."""
+    if low == high:
+        return [low]
+    for steps in ((1,), (1, 2, 5)):
+        if low <= 0:
+            break
+        first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+        values = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
+        inside = [value for value in values if low <= value <= high]
+        if len(inside) >= 3:
+            keep = np.unique(np.linspace(0, len(inside) - 1, most).round().astype(int))
+            return [inside[i] for i in keep]
+    return np.linspace(low, high, most).tolist()
+
+
+def swept_parameter(family: Family) -> str | None:
+    """The one parameter that runs over a range; None where none does. ValueError for several."""
+    swept = [name for name, (low, high) in family.ranges.items() if low < high]
+    if len(swept) > 1:
+        raise ValueError(
+            f"{family.name}: {', '.join(swept)} all run over ranges; hold all but one, as in --over {swept[-1]}=VALUE"
+        )
+    return swept[0] if swept else None
+
+
+# --- pieces ---
+
+
+def _swept(family: Family) -> str:
+    swept = swept_parameter(family)
+    if swept is None and not family.ranges:
+        raise ValueError(f"{family.name} has no parameter to run over; its albedo against the angle can be plotted")
+    return swept if swept is not None else next(iter(family.ranges))
+
+
+def _supremum(albedo: PointwiseAlbedo) -> Supremum:
+    return supremum(albedo, threshold=1 + TOLERANCE, rtol=None, intervals=True)
+
+
+def _scale_of(family: Family) -> Callable[[float], float]:
+    """n -> factor of the family's lobe. ValueError where its members are not lobes with a factor."""
+    parameter = _swept(family)
+    held = {name: low for name, (low, high) in family.ranges.items() if name != parameter}
+
+    def build(value: float) -> Any:
+        return family.build(**{parameter: value}, **held)
+
+    member = build(family.ranges[parameter][0])
+    while not isinstance(member, Normalized) and hasattr(member, "base"):
+        member = member.base
+    if not isinstance(member, Normalized):
+        raise ValueError(f"{family.name} has no factor: it is not a lobe times a function of its exponent")
+    return lambda value: float(np.asarray(peel(build(value))[1](1.0)))
+
+
+def _head(kind: str, family: Family, albedo: PointwiseAlbedo, parameter: str | None) -> Curve:
+    formula = catalog.entry(family.name).formula if family.name in catalog.names() else None
+    held = {name: number(low) for name, (low, high) in family.ranges.items() if name != parameter and low == high}
+    return {
+        "kind": kind,
+        "name": family.name,
+        "formula": formula,
+        "engine": albedo.engine,
+        "parameter": parameter,
+        "range": None if parameter is None else [number(bound) for bound in family.ranges[parameter]],
+        "held": {} if parameter is None else held,
+        "cos_theta": [number(bound) for bound in family.cos_theta],
+    }
+
+
+def _worst(worst: Supremum) -> Curve:
+    return {
+        "verdict": judge(worst.value, worst.error).name,
+        "largest": {
+            "albedo": number(worst.value),
+            "error": number(worst.error),
+            "at": {name: number(value) for name, value in worst.parameters.items()},
+            "cos_theta": number(worst.cos_theta),
+        },
+    }
+
+
+def _rounded(values: np.ndarray, digits: int = _DIGITS) -> list[Any]:
+    return [number(float(f"{value:.{digits}g}")) for value in np.asarray(values, float).ravel()]
+
+
+def _between(low: float, high: float, count: int, marks: Sequence[float]) -> np.ndarray:
+    """`count` values from low to high, geometric where the range is long, and the marks."""
+    if low == high:
+        return np.array([low])
+    if low > 0 and high / low >= 10:
+        values = np.geomspace(low, high, count)
+    elif low >= 0 and high >= 10 * max(low, 1e-3):  # from 0: dense there, on a logarithmic axis and on a linear one
+        values = low + (high - low) * np.linspace(0, 1, count) ** 3
+    else:
+        values = np.linspace(low, high, count)
+    values[0], values[-1] = low, high
+    return np.unique(np.append(values, [mark for mark in marks if low <= mark <= high]))
+
+
+def _cosines(bounds: tuple[float, float], count: int) -> np.ndarray:
+    """Cosines that are dense at both ends: at grazing incidence for the layer there, at normal incidence for the peak."""
+    low, high = (float(bound) for bound in bounds)
+    if low == high:
+        return np.array([low])
+    values = low + (high - low) * np.sin(np.linspace(0, np.pi / 2, count)) ** 2
+    values[0], values[-1] = low, high
+    return values
+
+
+def _places(family: Family, parameter: str, x: np.ndarray) -> np.ndarray:
+    columns = [x if name == parameter else np.full(len(x), low) for name, (low, _) in family.ranges.items()]
+    return np.stack(columns, axis=1)
+
+
+def _over_azimuths(
+    albedo: PointwiseAlbedo, effort: _Effort, places: np.ndarray, mu: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and errors at (place, cosine); for anisotropic BRDFs the largest over a few azimuths."""
+    turns = np.arange(effort.turns if albedo.anisotropic else 1) * 2 * np.pi / effort.turns
+    values, errors = [], []
+    for turn in turns:
+        value, error = albedo(places, mu, np.full(len(mu), turn), rtol=effort.rtol)
+        values.append(value)
+        errors.append(error)
+    best = np.argmax(np.where(np.isnan(values), np.inf, values), axis=0)[None]
+    return np.take_along_axis(np.array(values), best, 0)[0], np.take_along_axis(np.array(errors), best, 0)[0]
+
+
+def _largest(albedo: PointwiseAlbedo, effort: _Effort, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Largest albedo over the cosines at each place: (value, error, cosine). A grid, then parabolas around its best."""
+    mu = _cosines(albedo.family.cos_theta, effort.cosines)
+    rows, columns = len(places), len(mu)
+
+    def at(cosines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        width = cosines.shape[1]
+        value, error = _over_azimuths(albedo, effort, np.repeat(places, width, axis=0), cosines.ravel())
+        return value.reshape(rows, width), error.reshape(rows, width)
+
+    value, error = at(np.tile(mu, (rows, 1)))
+    known = np.where(np.isnan(value), -np.inf, value)
+    best, every = np.argmax(known, axis=1), np.arange(rows)
+    top, bar, place = value[every, best], error[every, best], mu[best]
+    if columns < 3:
+        return top, bar, place
+    middle = np.clip(best, 1, columns - 2)
+    x = mu[middle[:, None] + np.array([-1, 0, 1])]
+    y = np.take_along_axis(known, middle[:, None] + np.array([-1, 0, 1]), axis=1)
+    for _ in range(effort.rounds):
+        candidate = _vertex(x, y)
+        fresh, fresh_error = at(candidate[:, None])
+        fresh, fresh_error = fresh[:, 0], fresh_error[:, 0]
+        better = fresh > top
+        top, bar, place = (np.where(better, new, old) for new, old in ((fresh, top), (fresh_error, bar), (candidate, place)))
+        # The three points around the best of the four.
+        points, heights = np.append(x, candidate[:, None], axis=1), np.append(y, fresh[:, None], axis=1)
+        order = np.argsort(points, axis=1)
+        points, heights = np.take_along_axis(points, order, 1), np.take_along_axis(heights, order, 1)
+        centre = np.clip(np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 1, 2)
+        around = centre[:, None] + np.array([-1, 0, 1])
+        x, y = np.take_along_axis(points, around, 1), np.take_along_axis(heights, around, 1)
+    return top, bar, place
+
+
+def _vertex(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The place of the maximum of the parabola through three points a row, kept between them; else the wider middle."""
+    left, right = x[:, 1] - x[:, 0], x[:, 2] - x[:, 1]
+    with np.errstate(all="ignore"):
+        up, down = (y[:, 1] - y[:, 0]) / left, (y[:, 2] - y[:, 1]) / right
+        vertex = (x[:, 0] + x[:, 1]) / 2 + up * (x[:, 2] - x[:, 0]) / 2 / (up - down)
+    # Halving the cell beside the best point where a parabola knows nothing: the maximum is at an end, or values are not finite.
+    upper = y[:, 2] > y[:, 0]
+    halving = np.where(upper, (x[:, 1] + x[:, 2]) / 2, (x[:, 0] + x[:, 1]) / 2)
+    inside = np.isfinite(vertex) & (vertex > x[:, 0]) & (vertex < x[:, 2]) & (up > down) & (vertex != x[:, 1])
+    return np.where(inside, vertex, halving)
+
+
+def _above(
+    albedo: PointwiseAlbedo,
+    effort: _Effort,
+    parameter: str,
+    worst: Supremum,
+    x: np.ndarray,
+    value: np.ndarray,
+    error: np.ndarray,
+) -> tuple[tuple[float, float], ...]:
+    """Where the largest albedo exceeds 1: as the verdict says, or found here where its search has no intervals.
+
+    That search is for lobes with one parameter; this one serves functions and held parameters too.
+    """
+    low, high = albedo.family.ranges[parameter]
+    if low == high:
+        return ((low, high),) if judge(worst.value, worst.error).name == "VIOLATES" else ()
+    if worst.above is not None:
+        return worst.above
+
+    def largest(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, error, _ = _largest(albedo, effort, _places(albedo.family, parameter, x))
+        return value, error
+
+    return _intervals(x, value, error, largest, 1e-12 if albedo.fast else 1e-5)
+
+
+def _intervals(
+    x: np.ndarray,
+    value: np.ndarray,
+    error: np.ndarray,
+    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    xtol: float,
+) -> tuple[tuple[float, float], ...]:
+    """Where the albedo exceeds 1, as intervals of x whose ends are found to `xtol` between the samples."""
+
+    def excess(place: float) -> float:
+        value, _ = at(np.array([place]))
+        return float(value[0]) - 1 - TOLERANCE
+
+    from scipy.optimize import brentq
+
+    outside = value - error > 1 + TOLERANCE
+    edges = [float(x[0])] if outside[0] else []
+    for i in np.flatnonzero(outside[1:] != outside[:-1]):
+        ends = value[i : i + 2] - 1 - TOLERANCE
+        crosses = np.all(np.isfinite(ends)) and ends[0] * ends[1] < 0
+        root: Any = brentq  # its stub knows numpy scalars only
+        edge = root(excess, x[i], x[i + 1], xtol=xtol, rtol=1e-12, maxiter=60, disp=False) if crosses else x[i + 1]
+        edges.append(float(edge))
+    if outside[-1]:
+        edges.append(float(x[-1]))
+    return tuple(zip(edges[::2], edges[1::2], strict=True))

@@ -1,0 +1,236 @@
+"""A factor and the fit of an albedo as source text: C99 in double precision, GLSL in float.
+
+A snippet is complete in itself: functions and a header that says where the numbers come from. Arguments outside the
+fitted ranges are moved to their ends, so that nothing extrapolates. No date: the same fit gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, PhongExact, Proportional, RationalFactor
+from brdfcheck.fits.rational import rows
+from brdfcheck.fits.surface import AlbedoFit
+from brdfcheck.messages import one_line
+from brdfcheck.output import records
+
+# What a parameter may be called in both languages, whatever the locals are.
+_PLAIN_PARAMETERS = {"n", "m", "alpha", "roughness", "reflectance"}
+_WIDTH = 110
+
+
+@dataclass(frozen=True)
+class _Language:
+    real: str
+    function: str
+    clamp: Callable[[str, str, str], str]
+    exp2: str
+    logarithm: str
+    preamble: str
+    limits: tuple[float, float]
+
+    def number(self, value: float) -> str:
+        """A literal of the language. ValueError where its type cannot hold the value: infinite there, or 0."""
+        smallest, largest = self.limits
+        if value and not smallest <= abs(value) <= largest:
+            raise ValueError(f"the constant {value:.3g} cannot be held by a {self.real}")
+        return number(value)
+
+
+def _c_clamp(value: str, low: str, high: str) -> str:
+    return f"{value} < {low} ? {low} : {value} > {high} ? {high} : {value}"
+
+
+# Smallest normal and largest number of single precision.
+_FLOAT = (2.0**-126, (2 - 2.0**-23) * 2.0**127)
+_C = _Language("double", "static inline double", _c_clamp, "exp2", "log", "#include <math.h>\n\n", (0.0, math.inf))
+_GLSL = _Language("float", "float", lambda value, low, high: f"clamp({value}, {low}, {high})", "exp2", "log", "", _FLOAT)
+
+
+def c_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, command: str | None = None) -> str:
+    """C99 (and C++) text: ``double NAME_factor(double n)`` in 1/sr and ``double NAME_albedo(double n, double cos_theta)``.
+
+    `factor`: what NAME_factor is, by default the fit's own; without any there is no such function. `name`: the first part of
+    the names, by default the family's, made an identifier. `command`: the command line that made it, for the header. The
+    functions are ``static inline``; NaN stays NaN. Raises ValueError for a factor that has no formula here, or a number that
+    the language's type cannot hold.
+    """
+    return _snippet(_C, fit, factor, name, command)
+
+
+def glsl_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, command: str | None = None) -> str:
+    """GLSL text for any version, ES too: the same functions as `c_snippet`, with float for double. Raises as it does."""
+    return _snippet(_GLSL, fit, factor, name, command)
+
+
+def identifier(name: str) -> str:
+    """`name` as the first part of an identifier of C and GLSL: no doubled underscores, no leading digit, no gl_."""
+    plain = re.sub("_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")
+    return plain if plain and not plain[0].isdigit() and not plain.startswith("gl_") else f"brdf_{plain}".rstrip("_")
+
+
+def factor_text(factor: Any) -> str:
+    """The factor as a formula of n for people. ValueError where it has none here."""
+    return _factor_formula(factor, "n", "exp2", lambda value: f"{value:.9g}")
+
+
+def _snippet(language: _Language, fit: AlbedoFit, factor: Any, name: str | None, command: str | None) -> str:
+    prefix = identifier(fit.name if name is None else name)
+    if factor is None and fit.factor is not None and _has_formula(fit.factor):
+        factor = fit.factor
+    parameter = fit.parameter if fit.parameter in _PLAIN_PARAMETERS else "parameter"
+    parts = [_header(language, fit, factor, prefix, command), language.preamble]
+    low, high = (number(bound) for bound in fit.parameter_range)
+    clamped = f"    {parameter} = {language.clamp(parameter, low, high)};\n"
+    if factor is not None:
+        formula = _factor_formula(factor, parameter, language.exp2, language.number)
+        signature = f"{language.function} {prefix}_factor({language.real} {parameter})"
+        parts.append(f"{signature} {{\n{clamped}    return {formula};\n}}\n\n")
+    parts.append(f"{language.function} {prefix}_albedo({language.real} {parameter}, {language.real} cos_theta) {{\n")
+    parts.append(clamped)
+    cosines = (number(bound) for bound in fit.cos_range)
+    parts.append(f"    cos_theta = {language.clamp('cos_theta', *cosines)};\n")
+    numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
+    used = set(re.findall(r"\b[uv]\b", numerator + denominator))
+    parts += [f"    {language.real} {line};\n" for line in _variables(language, fit, parameter, used)]
+    parts.append(f"    {language.real} p = {numerator};\n")
+    if fit.surface.denominator.size > 1:
+        parts.append(f"    {language.real} q = {denominator};\n    return p / q;\n}}\n")
+    else:
+        parts.append("    return p;\n}\n")
+    return "".join(parts)
+
+
+def _variables(language: _Language, fit: AlbedoFit, parameter: str, used: set[str]) -> list[str]:
+    """The lines that make u and v, as far as the polynomials use them: a compiler may refuse what is never used."""
+    v = fit.variables
+    x = {
+        "reciprocal-root": f"1.0 / sqrt({parameter} + {number(v.shift)})",
+        "logarithm": f"{language.logarithm}(1.0 + {parameter})",
+        "square": f"{parameter} * {parameter}",
+    }.get(v.kind, parameter)
+    s = "x" if v.kind == "reciprocal-root" else parameter
+    y = {
+        "quotient": f"cos_theta / (cos_theta + 2.0 * {s})",
+        "root": f"cos_theta * sqrt((1.0 + {s} * {s}) / (cos_theta * cos_theta + {s} * {s}))",
+    }.get(v.layer, "cos_theta")
+    lines = []
+    if "u" in used or ("v" in used and re.search(r"\bx\b", y)):
+        lines.append(f"x = {x}")
+    if "u" in used:
+        lines.append(f"u = ({_minus('x', v.u_centre)}) * {number(v.u_scale)}")
+    if "v" in used:
+        lines.append(f"v = ({_minus(y, v.v_centre)}) * {number(v.v_scale)}")
+    return lines
+
+
+def _minus(term: str, value: float) -> str:
+    return f"{term} {'+' if value < 0 else '-'} {number(abs(value))}"
+
+
+def number(value: float) -> str:
+    """A decimal literal of both languages that reads back as the same double."""
+    text = repr(float(value))
+    return text if "." in text or "e" in text else f"{text}.0"
+
+
+def _polynomial(table: list[list[float]]) -> str:
+    """Horner in v within Horner in u, one power of u a line."""
+    inner = []
+    for row in table:
+        text = number(row[-1])
+        for depth, value in enumerate(row[-2::-1]):
+            text = f"{number(value)} + v * {text if depth == 0 else f'({text})'}"
+        inner.append(text)
+    text = inner[-1]
+    for line in inner[-2::-1]:
+        text = f"{line}\n        + u * ({text})"
+    return text
+
+
+def _factor_formula(factor: Any, n: str, exp2: str, show: Callable[[float], str]) -> str:
+    if isinstance(factor, PhongExact):
+        return f"({n} + {show(2.0)}) / {show(2 * math.pi)}"
+    if isinstance(factor, BlinnPhongExact):
+        return f"({n} + {show(2.0)}) * ({n} + {show(4.0)}) / ({show(8 * math.pi)} * ({exp2}({show(-0.5)} * {n}) + {n}))"
+    if isinstance(factor, Constant):
+        return show(float(factor.value))
+    if isinstance(factor, Proportional):
+        return f"{n} / {show(float(factor.B))}"
+    if isinstance(factor, RationalFactor):
+        return " / ".join(f"({_power_series(np.asarray(part), n, show)})" for part in (factor.numerator, factor.denominator))
+    if isinstance(factor, Factor) or (hasattr(factor, "A") and hasattr(factor, "B")):
+        A, B = float(factor.A), float(factor.B)
+        return f"({n} {'-' if A < 0 else '+'} {show(abs(A))}) / {show(B)}"
+    raise ValueError(f"no formula for a factor of type {type(factor).__name__}; give one with numbers A and B")
+
+
+def _power_series(coefficients: np.ndarray, n: str, show: Callable[[float], str]) -> str:
+    text = show(float(coefficients[-1]))
+    for value in coefficients[-2::-1]:
+        text = f"{show(float(value))} + {n} * ({text})"
+    return text
+
+
+def _header(language: _Language, fit: AlbedoFit, factor: Any, prefix: str, command: str | None) -> str:
+    x, y = fit.variables.describe(fit.parameter)
+    p, c = fit.parameter_range, fit.cos_range
+    own = "no factor"
+    if fit.factored:
+        own = "with its factor"
+        if fit.factor is not None:
+            own += _in_words(fit.factor)
+    versions = ", ".join(f"{package} {version}" for package, version in records.versions().items())
+    lines = [
+        f"{fit.name}: {fit.formula or 'no formula known'}" + (f", {fit.form} form" if fit.form else ""),
+        f"Fitted for {fit.parameter} in [{p[0]:g}, {p[1]:g}] and cos_theta in [{c[0]:g}, {c[1]:g}];"
+        " arguments outside are moved to these ends.",
+        "",
+        *([f"{prefix}_factor: what the lobe is multiplied by, in 1/sr."] if factor is not None else []),
+        f"{prefix}_albedo: directional albedo E = integral of f(wi, wo) (N.wo) over all wo, wi fixed, cos_theta = N.wi;"
+        f" {own}. Never clamped: it may exceed 1 where the BRDF does, or by the error.",
+        f"Largest error seen: {fit.max_error:.3g} (rms {fit.rms_error:.2g}) on {fit.checked[0]} x {fit.checked[1]} points and"
+        f" around the worst one, at {', '.join(f'{key} = {value:.6g}' for key, value in fit.where.items())};"
+        f" the bar of the quadrature, {fit.table_error:.1g}, is included."
+        f" Relative to the albedo at most {fit.relative_error:.2g}, where the albedo is small.",
+        f"Rational function of x = {x} and y = {y}, scaled to [-1, 1]: {fit.coefficients} coefficients, {fit.flops} flops."
+        f" The denominator is proven to be >= {fit.denominator_bound:.3g} on the whole square: no pole.",
+        f"Made by: {command or _call(fit)}",
+        f"Versions: {versions}",
+    ]
+    return "".join(line for text in lines for line in _comment(text))
+
+
+def _call(fit: AlbedoFit) -> str:
+    low, high = fit.parameter_range
+    return f"brdfcheck.fits.surface.fit_albedo({fit.name!r}, {fit.parameter}=({low:g}, {high:g}), degree={fit.degree})"
+
+
+def _has_formula(factor: Any) -> bool:
+    try:
+        factor_text(factor)
+    except ValueError:
+        return False
+    return True
+
+
+def _in_words(factor: Any) -> str:
+    return f" {factor_text(factor) if _has_formula(factor) else type(factor).__name__}"
+
+
+def _comment(text: str) -> list[str]:
+    """`text` as comment lines of both languages; nothing in it can end the comment or continue into the code."""
+    plain = one_line(text).encode("ascii", "replace").decode().replace("\\", "/").replace("?", ".")
+    lines, line = [], "//"
+    for word in plain.split(" "):
+        if len(line) + 1 + len(word) > _WIDTH and line != "//":
+            lines.append(line)
+            line = "//"
+        line += f" {word}" if word else ""
+    return [f"{line}\n" for line in [*lines, line]]

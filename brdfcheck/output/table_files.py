@@ -1,0 +1,117 @@
+"""Tables of the albedo as CSV, NPY or EXR (linear float), with their provenance in the file or beside it.
+
+Rows run over the parameter, columns over cos theta; values are the quadrature's, with the factor, never clamped.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from brdfcheck.fits.grids import AlbedoGrid, formula_of
+from brdfcheck.interruption import Cleanup
+from brdfcheck.output import records
+from brdfcheck.output.source import factor_text
+
+KINDS = ("csv", "npy", "exr")
+SCHEMA = "brdfcheck-table"
+SCHEMA_VERSION = 1
+
+
+def table_metadata(table: AlbedoGrid, command: str | None = None) -> dict[str, Any]:
+    """What a table's reader must know, ready for strict JSON: quantity, convention, factor, clamp, axes, error, versions."""
+    factor = "none: the lobe's albedo as it is"
+    if table.factored:
+        factor = "included: "
+        try:
+            factor += "it varies with the parameter" if table.factor is None else factor_text(table.factor)
+        except ValueError:
+            factor += type(table.factor).__name__
+    return {
+        "schema": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
+        "name": table.family.name,
+        "formula": formula_of(table.family),
+        "form": table.form,
+        "quantity": "directional albedo E = integral of f(wi, wo) (N.wo) over all wo, wi fixed, cos_theta = N.wi",
+        "unit": "none, linear",
+        "factor": factor,
+        "clamp": "none: values above 1 are values above 1",
+        "axis_0": table.parameter,
+        "axis_1": "cos_theta",
+        "placement": table.placement,
+        "shape": list(table.values.shape),
+        "range_0": [records.number(bound) for bound in table.family.ranges[table.parameter]],
+        "range_1": [records.number(bound) for bound in table.family.cos_theta],
+        "nodes_0": [records.number(value) for value in table.nodes],
+        "nodes_1": [records.number(value) for value in table.cos_theta],
+        "largest_value": records.number(float(np.max(table.values))),
+        "max_error": records.number(float(np.max(table.errors))),
+        "engine": table.engine,
+        "command": command or f"brdfcheck.fits.grids.tabulate({table.family.name!r})",
+        "versions": records.versions(),
+    }
+
+
+def write_table(
+    path: str | os.PathLike[str], table: AlbedoGrid, kind: str | None = None, *, command: str | None = None
+) -> None:
+    """Write a table (from `brdfcheck.fits.grids.tabulate`) whole or not at all. `kind`: one of `KINDS`, else the file's ending.
+
+    * csv: lines ``# key: value`` of metadata, the last of them naming the columns; then a row for each parameter, which comes
+      first, and the albedos, 17 digits. ``numpy.loadtxt(path, delimiter=",")`` reads it.
+    * npy: float64 (parameter, cos_theta), and the metadata as JSON beside it in PATH.json.
+    * exr: float32 channel Y, cos_theta to the right, the parameter down; each item of the metadata a string in the header.
+
+    Raises ValueError for an unknown kind, OSError where the file cannot be written.
+    """
+    suffix = Path(path).suffix.removeprefix(".").lower()
+    kind = suffix if kind is None else kind
+    if kind not in KINDS:
+        raise ValueError(f"the kind of a table must be one of {', '.join(KINDS)}; got {kind!r}")
+    metadata = table_metadata(table, command)
+    if kind == "csv":
+        records.write_atomically(path, _csv(table, metadata))
+    elif kind == "npy":
+        stream = io.BytesIO()
+        np.save(stream, np.ascontiguousarray(table.values, dtype="<f8"), allow_pickle=False)
+        records.write_atomically(f"{os.fspath(path)}.json", json.dumps(metadata, indent=2, allow_nan=False) + "\n")
+        records.write_atomically(path, stream.getvalue())
+    else:
+        records.write_atomically(path, _exr(table, metadata))
+
+
+def _texts(metadata: Mapping[str, Any]) -> dict[str, str]:
+    """Each item on one line: strings as they are, the rest as JSON."""
+    return {
+        key: " ".join(value.split()) if isinstance(value, str) else json.dumps(value, allow_nan=False)
+        for key, value in metadata.items()
+    }
+
+
+def _csv(table: AlbedoGrid, metadata: Mapping[str, Any]) -> str:
+    lines = [f"# {key}: {text}" for key, text in _texts(metadata).items()]
+    lines.append(f"# {','.join([table.parameter, *(f'{mu:.17g}' for mu in table.cos_theta)])}")
+    for node, row in zip(table.nodes, table.values, strict=True):
+        lines.append(",".join(f"{value:.17g}" for value in (node, *row)))
+    return "\n".join(lines) + "\n"
+
+
+def _exr(table: AlbedoGrid, metadata: Mapping[str, Any]) -> bytes:
+    import OpenEXR
+
+    header: dict[str, Any] = {f"brdfcheck.{key}": text for key, text in _texts(metadata).items()}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
+        file = Path(folder, "table.exr")
+        with OpenEXR.File(header, {"Y": np.ascontiguousarray(table.values, dtype=np.float32)}) as image:
+            image.write(str(file))
+        return file.read_bytes()

@@ -1,0 +1,231 @@
+"""Reports as text: one plain line each where the output goes to a file or a pipe, tables where a person looks on.
+
+The plain lines hold ASCII only, are never cut, and start with the BRDF's name and its verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from brdfcheck.messages import one_line
+from brdfcheck.verdict.words import albedo_text as albedo_text
+from brdfcheck.verdict.words import angles_text, parameters_text
+from brdfcheck.verdict.words import basis_text as basis_text
+from brdfcheck.verdict.words import count_text as count_text
+from brdfcheck.verdict.words import exact as exact
+from brdfcheck.verdict.words import interval_text as interval_text
+from brdfcheck.verdict.words import message as message
+from brdfcheck.verdict.words import place_text as place_text
+from brdfcheck.verdict.words import plural as plural
+from brdfcheck.verdict.words import ranges_text as ranges_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
+    from brdfcheck.brdf.catalog import Entry
+    from brdfcheck.verdict import Report
+
+_STYLES = {"CONSERVES": "green", "VIOLATES": "bold red", "UNDECIDED": "bold yellow"}
+# Below this width a report takes two lines of a table, below the other one a paragraph.
+_WIDE, _NARROW = 140, 80
+
+
+# --- plain lines ---
+
+
+def tolerance_line(tolerance: float) -> str:
+    """What the verdicts mean, with the tolerance."""
+    return (
+        f"largest directional albedo over all parameters and angles; tolerance {exact(tolerance)}:"
+        f" conserves where albedo + error <= 1 + {exact(tolerance)}"
+    )
+
+
+def plain_line(report: Report, name_width: int = 0) -> str:
+    """One report in one line."""
+    parts = [
+        f"{report.name:<{name_width}}",
+        f"{report.verdict.name:<9}",
+        f"albedo {albedo_text(report)}",
+    ]
+    if place_text(report):
+        parts.append(f"at {place_text(report)}")
+    interval = interval_text(report)
+    if interval:
+        parts.append(f"exceeds 1 for {interval}")
+    if report.findings:
+        parts.append(plural(len(report.findings), "finding", "findings"))
+    if report.ranges:
+        parts.append(f"over {ranges_text(report.ranges)}")
+    parts += [f"{report.evaluations} evaluations", f"{report.seconds:.2f} s", report.engine]
+    if report.basis != "none":
+        parts.append(basis_text(report))
+    return "  ".join(parts)
+
+
+def remark_lines(reports: Iterable[Report]) -> list[str]:
+    """The findings and the notes in full, one a line, each with the name of its BRDF."""
+    return [
+        f"{kind}: {report.name}: {one_line(text)}"
+        for report in reports
+        for kind, texts in (("finding", report.findings), ("note", report.notes))
+        for text in texts
+    ]
+
+
+def summary_line(counts: dict[str, int], seconds: float, tolerance: float) -> str:
+    """The last line of a check."""
+    parts = [
+        plural(counts["conserve"], "conserves", "conserve"),
+        plural(counts["violate"], "violates", "violate"),
+        f"{counts['undecided']} undecided",
+    ]
+    if counts["with_findings"]:
+        parts.append(plural(counts["with_findings"], "has findings", "have findings"))
+    return f"{', '.join(parts)} in {seconds:.1f} s (tolerance {exact(tolerance)})"
+
+
+def audit_line(report: Report, claim: str, name_width: int = 0) -> str:
+    """One published claim and its measurement in one line."""
+    return f'{plain_line(report, name_width)}  claimed "{claim}"'
+
+
+def entry_line(entry: Entry, name_width: int = 0) -> str:
+    """One entry of the catalogue in one line."""
+    kind = "validated" if entry.validated else "published"
+    text = f"{entry.name:<{name_width}}  {kind}  {ranges_text(entry.family.ranges)}  {entry.formula}  [{entry.source}]"
+    return text if entry.validated else f'{text}  claimed "{entry.claim}"'
+
+
+# --- tables ---
+
+
+def _symbols(console: Console) -> tuple[str, str]:
+    utf = console.encoding.lower().startswith("utf")
+    return ("\u00b1", "\u00b0") if utf else ("+-", " deg")
+
+
+def _text(content: str, style: str = "") -> Text:
+    from rich.text import Text
+
+    return Text(content, style=style)
+
+
+def _stacked(console: Console, rows: Iterable[Sequence[tuple[str, str]]]) -> None:
+    """Paragraphs: the first line holds the name and the verdict, the others are indented."""
+    from rich.padding import Padding
+    from rich.text import Text
+
+    for head, *details in rows:
+        for row, (content, style) in enumerate((head, *details)):
+            if content:
+                console.print(Padding(Text(content, style=style), (0, 0, 0, 2 if row else 0)))
+
+
+def report_table(console: Console, reports: Sequence[Report], claims: Sequence[str] | None = None) -> None:
+    """The reports (of an audit: with what was claimed) as a table that fits the terminal."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    plus_minus, degree = _symbols(console)
+    claimed = claims if claims is not None else [""] * len(reports)
+    if console.width < _NARROW:
+        _stacked(
+            console,
+            (
+                (
+                    (f"{report.name}  {report.verdict.name}", _STYLES[report.verdict.name]),
+                    (f"claimed: {claim}" if claim else "", ""),
+                    (f"albedo {albedo_text(report, plus_minus)}", ""),
+                    (f"at {place_text(report, degree)}" if place_text(report) else "", ""),
+                    (f"exceeds 1 for {interval_text(report)}" if interval_text(report) else "", "red"),
+                    (_effort(report), "dim"),
+                )
+                for report, claim in zip(reports, claimed, strict=True)
+            ),
+        )
+        return
+    wide = console.width >= (_WIDE if claims is None else _WIDE + 24)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    # Catalogue names stay whole; a long path of a user's file may be folded.
+    longest = max((len(report.name) for report in reports), default=0)
+    table.add_column("BRDF", no_wrap=wide, overflow="fold", min_width=min(longest, 25))
+    if claims is not None and wide:
+        table.add_column("Claimed", overflow="fold")
+    table.add_column("Verdict", no_wrap=True)
+    table.add_column("Largest albedo", no_wrap=True)
+    table.add_column("Where", overflow="fold")
+    if wide:
+        table.add_column("Exceeds 1 for", overflow="fold")
+        table.add_column("Evaluations", justify="right", no_wrap=True)
+        table.add_column("Seconds", justify="right", no_wrap=True)
+        table.add_column("Engine", no_wrap=True)
+    for report, claim in zip(reports, claimed, strict=True):
+        verdict = Text(report.verdict.name, style=_STYLES[report.verdict.name])
+        if not wide:
+            verdict.append(f"\n{report.seconds:.2f} s", style="not bold dim white")
+        if report.findings:
+            verdict.append("\n" + plural(len(report.findings), "finding", "findings"), style="bold red")
+        albedo, place = _text(albedo_text(report, plus_minus)), _text(place_text(report, degree))
+        name = _text(report.name)
+        if wide:
+            cells = [name, *([_text(claim)] if claims is not None else []), verdict, albedo, place]
+            cells += [_text(interval_text(report)), _text(count_text(report.evaluations))]
+            table.add_row(*cells, _text(f"{report.seconds:.2f}"), _text(report.engine))
+            continue
+        # Two lines for a report; what it cost is on the second one.
+        name.append(f"\n  {report.engine}", style="dim")
+        if claim:
+            name.append(f"\n  claimed: {claim}", style="italic")
+        albedo.append(f"\n{count_text(report.evaluations)} evaluations", style="dim")
+        if report.parameters:
+            place = _text(f"{parameters_text(report)}\n{angles_text(report, degree)}")
+        if interval_text(report):
+            place.append(f"\n> 1 for {interval_text(report)}", style="red")
+        table.add_row(name, verdict, albedo, place)
+    console.print(table)
+
+
+def _effort(report: Report) -> str:
+    return f"{count_text(report.evaluations)} evaluations, {report.seconds:.2f} s, {report.engine}"
+
+
+def remarks(console: Console, reports: Iterable[Report]) -> None:
+    """The findings and notes of a table, below it."""
+    for line in remark_lines(reports):
+        finding = line.startswith("finding")
+        console.print(_text(line, "red" if finding else "dim"))
+
+
+def entry_table(console: Console, entries: Sequence[Entry]) -> None:
+    """The catalogue as a table that fits the terminal."""
+    from rich import box
+    from rich.table import Table
+
+    if console.width < 100:
+        _stacked(
+            console,
+            (
+                (
+                    (entry.name, "bold"),
+                    (entry.formula, ""),
+                    (f"for {ranges_text(entry.family.ranges)}", ""),
+                    (entry.source, "dim"),
+                    (f"claimed: {entry.claim}" if entry.claim else "", "italic"),
+                )
+                for entry in entries
+            ),
+        )
+        return
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    published = any(entry.claim for entry in entries)
+    for title in ("BRDF", "Range", "Formula", *(("Claimed",) if published else ()), "Source"):
+        table.add_column(title, overflow="fold", no_wrap=title in ("BRDF", "Range"))
+    for entry in entries:
+        cells = [entry.name, ranges_text(entry.family.ranges), entry.formula]
+        cells += [entry.claim] if published else []
+        table.add_row(*(_text(cell) for cell in (*cells, entry.source)))
+    console.print(table)

@@ -1,1 +1,0 @@
-"""Pictures of scenes: the seed's figures and other presets, scene files, sheets with titles, PNG and EXR, colour."""

@@ -1,0 +1,426 @@
+"""The albedo of a family of BRDFs at scattered points (parameters, cosine, azimuth), whatever engine it needs.
+
+A point can be asked for in two ways: `estimate` is quick and coarse, for scans and climbs over thousands of points; a call is
+what a verdict rests on. For RGB families the value at a point is that of the worst channel.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice, product
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side
+from brdfcheck.brdf.family import Family
+from brdfcheck.quadrature.albedo import Albedo, adaptive_albedo, has_engine, paired_lobes, peel
+from brdfcheck.quadrature.boxes import Mesh
+from brdfcheck.quadrature.graded import GradedRule
+from brdfcheck.quadrature.limit import grazing_limit
+
+Rule = GradedRule | Mesh
+
+CHUNK = 256
+_CHUNK_2D = 64
+GRAZING = 1e-9
+"""The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
+
+# The rules of the levels, from coarse to fine; each takes whole blocks of directions. The first one has a companion of half
+# its size: their difference is its error.
+_LEVELS = (GradedRule(10, 4, 4, 5, 1e-3), GradedRule(20, 8, 7, 10, 1e-4), GradedRule(40, 14, 12, 18, 1e-6))
+_COMPANION = GradedRule(7, 3, 3, 3, 1e-3)
+# The cosine of a direction above which the sign of a value is not that of a rounding.
+_STEEP = 1e-5
+# The accuracy at which engines 1 and 2 are asked on the levels (None: their best).
+_QUICK_RTOL = 1e-3
+# Numbers in the tables of directions that are held at a time.
+_MOST_NODES = 2**21
+
+
+class Place(NamedTuple):
+    """A value of the BRDF and where it was seen: parameters and directions."""
+
+    value: float
+    parameters: tuple[float, ...]
+    wi: tuple[float, ...]
+    wo: tuple[float, ...]
+
+
+@dataclass
+class Seen:
+    """What the scans saw of a function's values on the way: the smallest, and those that are not finite."""
+
+    smallest: Place | None = None
+    nonfinite: int = 0
+    values: int = 0
+    first_nonfinite: Place | None = None
+
+
+class PointwiseAlbedo:
+    """Callable: (parameters (points, names), cos_theta (points,), azimuth (points,)) -> value, error, both (points,).
+
+    `engine` names the engine, `anisotropic` says whether the azimuth matters, `evaluations` counts the BRDF's evaluations,
+    `epsilon` is the rounding of the BRDF's values. Parameters whose range is one value are held: the BRDF is built with
+    that number. Raises Finding where a user's BRDF fails.
+    """
+
+    def __init__(self, family: Family):
+        self.family = family
+        self.names = tuple(family.ranges)
+        self.swept = tuple(name for name, (low, high) in family.ranges.items() if low < high)
+        self.evaluations = 0
+        self.anisotropic = False
+        self.seen = Seen()
+        self._noting = threading.Lock()
+        self._held = {name: low for name, (low, high) in family.ranges.items() if low == high}
+        self._columns = [self.names.index(name) for name in self.swept]
+        middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
+        self._template = self._abstract(middle)
+        self.evaluator: Evaluator | None = None
+        self.epsilon = float(jnp.finfo(float).eps)
+        if self._template is None:
+            self.evaluator = Evaluator(self._build, {name: middle[name] for name in self.swept})
+            self.engine = "adaptive (numpy)" if self.evaluator.slow else "adaptive"
+            self.epsilon = self.evaluator.epsilon
+            self.anisotropic = _turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
+        else:
+            core = peel(self._template)[0]
+            self.engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
+
+    @property
+    def _build(self) -> Callable[..., Any]:
+        family, held = self.family, self._held
+
+        def build(**swept: Any) -> Any:
+            return family.build(**held, **swept)
+
+        build.__name__ = getattr(family.build, "__name__", family.name)
+        return build
+
+    def _abstract(self, middle: dict[str, float]) -> Any:
+        """The BRDF's structure where engines 1 and 2 can take it, else None."""
+        try:
+            brdf = eqx.filter_eval_shape(
+                self.family.build, **{name: jnp.asarray(value, float) for name, value in middle.items()}
+            )
+        except Exception:  # the factory needs numbers: engine 3 decides
+            return None
+        return brdf if has_engine(brdf) else None
+
+    @property
+    def fast(self) -> bool:
+        """True where a point costs microseconds (engines 1 and 2) rather than an adaptive integral."""
+        return self.evaluator is None
+
+    @property
+    def levels(self) -> int:
+        """How many levels `estimate` has."""
+        return len(_LEVELS) if self.evaluator is not None else 1 if self.engine == "zonal" else 2
+
+    @property
+    def monotone(self) -> bool:
+        """True for lobes that are largest at normal incidence, by theorem."""
+        return (
+            self.engine == "zonal"
+            and bool(getattr(peel(self._template)[0], "monotone", False))
+            and not _per_cosine(self._template)
+        )
+
+    def brdfs(self, parameters: np.ndarray) -> Any:
+        """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
+        if not self.names:
+            brdf = self.family.build()
+            return jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(parameters), *np.shape(leaf))), brdf)
+        columns = {name: parameters[:, i] for i, name in enumerate(self.names)}
+        return jax.tree.map(np.asarray, jax.vmap(lambda values: self.family.build(**values))(columns))
+
+    def __call__(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *, rtol: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        value, error = self.channels(parameters, cos_theta, azimuth, rtol=rtol)
+        return worst_channel(value, error)[:2]
+
+    def channels(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *, rtol: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Like a call, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
+        if self.evaluator is None:
+            return self._engines(parameters, cos_theta, rtol)
+        return self._adaptive(self.evaluator, parameters, cos_theta, azimuth, rtol or 1e-8)
+
+    def estimate(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A quick estimate, and for the coarsest level of a function how far it may be off (else 0: compare the levels).
+
+        Shapes as for a call. `level` counts from 0, the coarsest.
+        """
+        if self.evaluator is None:
+            value, error = self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
+        else:
+            rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
+            value, error = self._graded(self.evaluator, parameters, cos_theta, azimuth, *rules)
+        return worst_channel(value, error)[:2]
+
+    def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
+        core = peel(self._template)[0]
+        chunk = CHUNK if self.engine == "zonal" else _CHUNK_2D
+        padding = (0, -len(cos_theta) % chunk)
+        mu = np.pad(cos_theta, padding, mode="edge")
+        brdfs = self.brdfs(np.pad(parameters, (padding, (0, 0)), mode="edge"))
+        values, errors = [], []
+        for start in range(0, len(mu), chunk):
+            rows = slice(start, start + chunk)
+            part = jax.tree.map(lambda leaf, rows=rows: leaf[rows], brdfs)
+            value, error, count = paired_lobes(peel(part)[0], mu[rows], rtol)
+            self.evaluations += min(chunk, len(cos_theta) - start) * count
+            if core is not self._template:
+                with np.errstate(all="ignore"):
+                    # In numpy, not in a program: there would be one for each lobe and factor.
+                    scale = np.asarray(peel(part)[1](mu[rows]))
+                    scale = scale.reshape(scale.shape + (1,) * (value.ndim - 1))
+                    value, error = value * scale, error * np.abs(scale)
+            values.append(value)
+            errors.append(error)
+        return np.concatenate(values)[: len(cos_theta)], np.concatenate(errors)[: len(cos_theta)]
+
+    # --- engine 3 ---
+
+    def _graded(
+        self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *rules: Rule
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """By a fixed rule; the difference to a second one is the error."""
+        blocks = [-(-rule.size // BLOCK) for rule in rules]
+        mu = np.maximum(cos_theta, GRAZING)
+        cosines, which = np.unique(mu, return_inverse=True)
+        # Directions of a few cosines at a time, because of their size; within them, points of the same parameters together.
+        most = max(1, _MOST_NODES // (sum(blocks) * BLOCK))
+        value = np.zeros((2, len(mu), evaluator.channels or 1))
+        unknown: set[int] = set()
+        for first in range(0, len(cosines), most):
+            points = np.flatnonzero((which >= first) & (which < first + most))
+            if evaluator.slow and self.swept:
+                points = points[np.lexsort(parameters[points].T[::-1])]
+            tables = [_in_blocks(*rule(cosines[first : first + most])) for rule in rules]
+            wo, weight = (np.concatenate([table[i] for table in tables], axis=1) for i in range(2))
+            sine = np.sqrt((1 - mu[points]) * (1 + mu[points]))
+            turn = azimuth[points]
+            wi = np.stack([sine * np.cos(turn), sine * np.sin(turn), mu[points]], axis=1)
+            sums = evaluator.sums(
+                parameters[points][:, self._columns],
+                wi,
+                turn,
+                which[points] - first,
+                wo,
+                weight,
+                lambda at, *found, points=points, wi=wi: unknown.update(
+                    points[at[self._note(parameters[points[at]], wi[at], *found)]].tolist()
+                ),
+            )
+            self.evaluations += sums.shape[0] * sums.shape[1] * BLOCK
+            self.seen.values += sums.size * BLOCK
+            value[0, points] = sums[:, : blocks[0]].sum(axis=1)
+            if len(rules) > 1:
+                value[1, points] = sums[:, blocks[0] :].sum(axis=1)
+        value[0, list(unknown)] = np.nan
+        error = np.abs(value[0] - value[1]) if len(rules) > 1 else np.zeros_like(value[0])
+        return (value[0, :, 0], error[:, 0]) if evaluator.channels is None else (value[0], error)
+
+    def _note(
+        self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, values: np.ndarray, finite: np.ndarray, weight: np.ndarray
+    ) -> np.ndarray:
+        """Keep what a piece of a scan says of the BRDF itself: (rows, ...) each, see `Evaluator.sums`.
+
+        Returns the rows of which most is not finite: their sums are none.
+        """
+
+        def place(index: tuple[np.intp, ...], value: float) -> Place:
+            row, node, _ = index
+            return Place(value, tuple(parameters[row].tolist()), tuple(wi[row].tolist()), tuple(wo[row, :, node].tolist()))
+
+        with self._noting:
+            seen = self.seen
+            # Where both directions graze, rounding alone makes a sign: such pairs are for the side checks, which know of it.
+            told = (np.minimum(wi[:, None, 2], wo[:, 2]) > _STEEP)[..., None]
+            low = np.unravel_index(np.argmin(np.where(told, values, 0)), values.shape)
+            if told[low[:2]] and values[low] < 0 and (seen.smallest is None or values[low] < seen.smallest.value):
+                seen.smallest = place(low, float(values[low]))
+            broken = ~finite & (weight > 0)[..., None]
+            if np.any(broken):
+                seen.nonfinite += int(np.count_nonzero(broken))
+                seen.first_nonfinite = seen.first_nonfinite or place(
+                    np.unravel_index(np.argmax(broken), broken.shape), float("nan")
+                )
+        return np.flatnonzero(np.count_nonzero(broken.any(axis=2), axis=1) > np.count_nonzero(weight > 0, axis=1) / 2)
+
+    def frozen(self, parameters: np.ndarray, cos_theta: float, azimuth: float, rtol: float) -> Frozen:
+        """The albedo near one place (parameters (names,)) by the rule that the integral there ends with (functions only)."""
+        return Frozen(self, parameters, cos_theta, azimuth, rtol)
+
+    def _adaptive(
+        self,
+        evaluator: Evaluator,
+        parameters: np.ndarray,
+        cos_theta: np.ndarray,
+        azimuth: np.ndarray,
+        rtol: float,
+        keep: Callable[[float, Mesh], object] = lambda mu, mesh: None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        def integrated(point: tuple[np.ndarray, float, float]) -> Albedo:
+            row, mu, turn = point
+            bound = evaluator.bind({name: float(value) for name, value in zip(self.swept, row, strict=True)})
+            return adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep)
+
+        points = list(zip(parameters[:, self._columns], cos_theta, azimuth, strict=True))
+        results = side_by_side(integrated, points)
+        self.evaluations += sum(int(result.evaluations) for result in results)
+        return np.array([result.value for result in results]), np.array([result.error for result in results])
+
+
+class Frozen:
+    """The albedo beside a place, by the rules of the integrals there: a smooth function, and as accurate as they, for less.
+
+    Called like a `PointwiseAlbedo`; `value` and `error` are those of the place itself. A cosine of 0 is the limit if the
+    place is one, by the rules of all cosines that the limit there asked for.
+    """
+
+    def __init__(self, albedo: PointwiseAlbedo, parameters: np.ndarray, cos_theta: float, azimuth: float, rtol: float):
+        assert albedo.evaluator is not None
+        self._albedo, self._evaluator, self._rtol = albedo, albedo.evaluator, rtol
+        self._meshes: dict[float, Mesh] = {}
+        place = parameters[None], np.array([cos_theta]), np.array([azimuth])
+        every, bars = albedo._adaptive(self._evaluator, *place, rtol, keep=self._meshes.__setitem__)
+        value, error, _ = worst_channel(every, bars)
+        self.value, self.error = float(value[0]), float(error[0])
+
+    @property
+    def size(self) -> int:
+        """How many nodes the largest of its rules has."""
+        return max(mesh.size for mesh in self._meshes.values())
+
+    def __call__(self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        points = parameters, cos_theta, azimuth
+        if np.all(cos_theta == 0):
+            found = [self._limit(*(part[i : i + 1] for part in points)) for i in range(len(cos_theta))]
+            values, errors = (np.stack(part) for part in zip(*found, strict=True))
+        else:
+            values, errors = self._at(*points)
+        return worst_channel(values, errors)[:2]
+
+    def _limit(self, parameters: np.ndarray, _: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def at(cosine: float) -> tuple[np.ndarray, np.ndarray]:
+            value, error = self._at(parameters, np.array([cosine]), azimuth)
+            return value[0], error[0]
+
+        return grazing_limit(at)
+
+    def _at(self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nearest = min(self._meshes, key=lambda mu: abs(np.log(mu) - np.log(cos_theta[0])))
+        mesh = self._meshes[nearest]
+        known = mesh.near(cos_theta) if len(self._meshes) == 1 else cos_theta == nearest
+        parts = []
+        if np.any(known):
+            value, _ = self._albedo._graded(self._evaluator, parameters[known], cos_theta[known], azimuth[known], mesh)
+            parts.append((known, value, np.abs(value) * 4 * self._albedo.epsilon))
+        if not np.all(known):
+            rest = parameters[~known], cos_theta[~known], azimuth[~known]
+            parts.append((~known, *self._albedo._adaptive(self._evaluator, *rest, self._rtol)))
+        values, errors = (np.zeros((len(known), *parts[0][1].shape[1:])) for _ in range(2))
+        for which, value, error in parts:
+            values[which], errors[which] = value, error
+        return values, errors
+
+
+def worst_channel(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Value and error of the channel with the largest value at each point, and which one it is (None: there are none)."""
+    if value.ndim == 1:
+        return value, error, None
+    worst = np.argmax(np.where(np.isnan(value), np.inf, value), axis=-1)
+    pick = worst[:, None]
+    return np.take_along_axis(value, pick, -1)[:, 0], np.take_along_axis(error, pick, -1)[:, 0], worst
+
+
+def _per_cosine(brdf: Any) -> bool:
+    inner = getattr(brdf, "base", None)
+    return inner is not None or (hasattr(brdf, "lobe") and _per_cosine(brdf.lobe))
+
+
+def _in_blocks(wo: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of nodes cut into blocks: (m, blocks, 3, BLOCK) and (m, blocks, BLOCK). What fills up weighs nothing."""
+    size = weight.shape[1]
+    blocks = -(-size // BLOCK)
+    spare = blocks * BLOCK - size
+    wo = np.pad(wo, ((0, 0), (0, 0), (0, spare)), mode="edge").reshape(len(wo), 3, blocks, BLOCK)
+    return np.moveaxis(wo, 1, 2), np.pad(weight, ((0, 0), (0, spare))).reshape(len(wo), blocks, BLOCK)
+
+
+def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
+    """Where a family is asked for what it is: at corners, in the middle and off it (at a corner it may be nothing at all)."""
+    inside = [tuple((1 - part) * low + part * high for low, high in ranges) for part in (0.5, 0.37)]
+    tilted = [
+        tuple((1 - part) * low + part * high for part, (low, high) in zip(parts, ranges, strict=True))
+        for parts in np.random.default_rng(5).uniform(0, 1, (4, len(ranges)))
+    ]
+    return list(dict.fromkeys([*islice(product(*ranges), 64), *inside, *tilted]))
+
+
+def _budget(rtol: float) -> int:
+    """Evaluations that one adaptive integral may cost. What jumps never reaches an accuracy; a look-around must end."""
+    return 150_000 if rtol >= 1e-6 else 600_000 if rtol >= 5e-8 else 3_000_000
+
+
+def _turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float]]) -> bool:
+    """True where f changes when both directions turn about N together, on seeded pairs at several places: anisotropic.
+
+    What rounds a lot (float32 near a pole) changes as much when it turns by next to nothing; such pairs are judged by their
+    number, the others one by one.
+    """
+    chosen = _places(ranges)
+    places = np.array(chosen, float).reshape(len(chosen), len(ranges))
+    random = np.random.default_rng(20)
+    rows = max(2, 48 // len(places))
+    shape = (len(places) * rows, BLOCK)
+    cosine, other = random.uniform(0.02, 1, (2, *shape))
+    azimuth, away = random.uniform(0, 2 * np.pi, (2, *shape))
+    # A third is near the mirror direction, where a sharp lobe is not zero, a third near the light.
+    kind = np.arange(BLOCK) % 3
+    near = np.clip(cosine + random.normal(0, 0.03, shape), 0.01, 1)
+    other = np.where(kind == 0, other, near)
+    away = np.where(kind == 0, away, azimuth + np.pi * (kind == 1) + random.normal(0, 0.03, shape))
+    turn = random.uniform(0.2, 2 * np.pi - 0.2, shape)
+    parameters = np.repeat(places, rows, axis=0)
+
+    def turned(angle: np.ndarray | float) -> np.ndarray:
+        return evaluator.rows(parameters, _directions(cosine, azimuth + angle), _directions(other, away + angle))
+
+    with np.errstate(all="ignore"):
+        first, second = turned(0.0), turned(turn)
+        scale = np.maximum(np.abs(first), np.abs(second))
+        peak = np.max(scale, axis=(0, 1), where=np.isfinite(scale), initial=0.0)
+        change = np.abs(first - second)
+        clean = max(1e-6, 32 * evaluator.epsilon)
+        suspects = change > clean * scale + 1e-12 * peak
+        if not np.any(suspects):
+            return False
+        noise = np.maximum.reduce([np.abs(turned(step) - first) for step in (3e-7, 1e-6, -2e-6)])
+        if evaluator.epsilon > 1e-10:
+            # Single precision: rounding changes all values, most of them a little and some a lot; compare the usual changes.
+            told = (scale > 1e-12 * peak) & np.isfinite(scale)
+            usual, least = (float(np.median((part / scale)[told])) if np.any(told) else 0.0 for part in (change, noise))
+            return usual > 5 * least + 4 * evaluator.epsilon
+        noisy = noise > 1e-4 * scale
+        clear = suspects & (change > 10 * noise)
+        return bool(np.any(clear & ~noisy) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(scale > 1e-12 * peak))
+
+
+def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Unit vectors, shape (rows, 3, directions)."""
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=1)

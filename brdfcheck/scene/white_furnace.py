@@ -1,0 +1,184 @@
+"""Spheres in a uniform surrounding: what conserves vanishes or darkens, what does not glows."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.factors import Constant, Normalized, PerCosine, peel
+from brdfcheck.quadrature.albedo import albedo
+from brdfcheck.scene.cameras import checked_size
+from brdfcheck.scene.canvas import Canvas, Image, averaged
+from brdfcheck.scene.drawing import color_scale, colored, stacked
+from brdfcheck.scene.furnace import directional_albedo
+from brdfcheck.scene.images import contact_sheet
+
+_ENVIRONMENT = 0.4  # a sphere that returns 2.5 times the light is white
+_USUAL = {"n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0}
+# (published, its parameters where the excess is of interest, the validated one of the same lobe)
+PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
+    ("binomial-power-raw", {"n": 4}, "binomial-power-half"),
+    ("binomial-power-published", {"n": 17.85}, "binomial-power-half"),
+    ("binomial-power-unclamped", {"n": 40}, "binomial-power-half"),
+    ("blinn-phong-6", {"n": 20}, "blinn-phong"),
+    ("blinn-phong-8", {"n": 8.76}, "blinn-phong"),
+    ("blinn-phong-ndf", {"n": 100}, "blinn-phong"),
+    ("blinn-phong-linear", {"n": 20}, "blinn-phong"),
+    ("phong-pdf", {"n": 20}, "phong"),
+    ("phong-classical", {"n": 4}, "phong"),
+    ("schlick-phong-factor", {"n": 100}, "schlick-mirror"),
+    ("kuijk-blake-phong-factor", {"n": 9}, "kuijk-blake-mirror"),
+    ("cook-torrance-published", {"m": 0.4}, "cook-torrance"),
+    ("cook-torrance-no-masking", {"m": 0.4}, "cook-torrance"),
+)
+"""What was published beside the validated BRDF of the same lobe."""
+
+
+_USUAL_SIDE = 2.1  # of what the usual camera sees; the sphere's radius is 1
+
+
+@functools.lru_cache(maxsize=2)
+def _distances(side: int, samples: int = 1) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "n n"]]:
+    """The squared distances from the sphere's centre that a square of pixels has, and which of them each sample has.
+
+    Inside the disc all samples of a pixel have its centre's: the albedo is smooth there, and an edge is not. Those that miss
+    the sphere have the number -1. Distances are sums of two squares of whole numbers, so that many pixels share one.
+    """
+    count = side * samples
+    own = 2 * np.arange(count) + 1 - count  # in half samples from the middle
+    center = np.repeat(samples * (2 * np.arange(side) + 1 - side), samples)
+    limit = (2 * count / _USUAL_SIDE) ** 2
+    square, within = own[:, None] ** 2 + own**2, center[:, None] ** 2 + center**2
+    reach = np.abs(center) + samples
+    inside = reach[:, None] ** 2 + reach**2 < limit
+    whole = np.where(inside, within, square)
+    found, number = np.unique(np.where(whole < limit, whole, -1), return_inverse=True)
+    hit = found >= 0
+    return found[hit] / limit, number.reshape(count, count) - int(not hit.all())
+
+
+def _alike(brdf: Any) -> Any:
+    """The BRDF in single precision with its factor as a number: lobes of one kind are then one compiled program."""
+    if isinstance(brdf, PerCosine):
+        return PerCosine(_alike(brdf.base))
+    core, scale = peel(brdf)
+    if hasattr(core, "n"):
+        brdf = Normalized(core, Constant(scale(1.0)))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), brdf)
+
+
+_integrated = eqx.filter_jit(directional_albedo)
+_AT_ONCE = 512  # angles in one call, whatever the size of the picture: no other program for another number of them
+
+
+def _reflected(name: str, parameters: Mapping[str, float], cosine: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """What a catalogue BRDF reflects of a uniform surrounding of radiance 1, integrated at each cosine."""
+    brdf = _alike(catalog.entry(name).family.build(**parameters))
+    padded = np.pad(cosine, (0, -cosine.size % _AT_ONCE), mode="edge").astype(np.float32).reshape(-1, _AT_ONCE)
+    return np.concatenate([_integrated(brdf, jnp.asarray(part)) for part in padded])[: cosine.size]
+
+
+@functools.lru_cache(maxsize=128)
+def _ratios(name: str, parameters: tuple[tuple[str, float], ...], side: int, samples: int) -> Float[np.ndarray, " k"]:
+    """`_reflected` at each of the `_distances`."""
+    return _reflected(name, dict(parameters), np.sqrt(1 - _distances(side, samples)[0]))
+
+
+def furnace_largest(name: str, parameters: Mapping[str, float]) -> float:
+    """The most that a catalogue BRDF reflects of a uniform surrounding of radiance 1, of all whole degrees from 0 to 89.
+
+    Some published forms have no largest value at 90 degrees, and the brightest pixel of a picture depends on its size.
+    """
+    return float(_reflected(name, parameters, np.cos(np.radians(np.arange(90.0)))).max())
+
+
+def _disc(colors: Float[np.ndarray, "3 k"], ground: Any, side: int, samples: int) -> Image:
+    """A colour for each of the `_distances`, before a ground of one colour, each pixel the mean of its samples."""
+    _, number = _distances(side, samples)
+    ground = np.broadcast_to(np.asarray(ground, np.float32), (3,))[:, None]
+    return averaged(np.concatenate([colors, ground], axis=1, dtype=np.float32)[:, number], samples)  # -1 is the last
+
+
+def furnace_tile(name: str, parameters: Mapping[str, float], side: int, samples: int = 1) -> Image:
+    """The sphere of a catalogue BRDF in a uniform surrounding of radiance 0.4, before it, as `sphere_image` shows it.
+
+    Integrated at every distance from the centre that a pixel has: 27 times fewer than pixels on a side of 512. More
+    `samples` smooth the edge. KeyError for an unknown name, ValueError for bad parameters or a side that is none.
+    """
+    checked_size((side, side))
+    ratios = _ratios(name, tuple(parameters.items()), side, samples)
+    return _disc(np.broadcast_to(_ENVIRONMENT * ratios, (3, ratios.size)), _ENVIRONMENT, side, samples)
+
+
+def furnace_excess(name: str, parameters: Mapping[str, float], side: int) -> Float[np.ndarray, "side side"]:
+    """How much more than its surroundings each pixel of `furnace_tile` shows, as a share; 0 beside the sphere."""
+    checked_size((side, side))
+    ratios = _ratios(name, tuple(parameters.items()), side, 1)
+    return np.append(ratios - 1, np.float32(0))[_distances(side)[1]]
+
+
+def _false_tile(name: str, parameters: Mapping[str, float], side: int, samples: int) -> Image:
+    """The excess in false colour."""
+    number = _distances(side, samples)[1]
+    excess = np.append(_ratios(name, tuple(parameters.items()), side, samples) - 1, np.float32(0))[number]
+    return colored(averaged(excess, samples), averaged(number >= 0, samples))
+
+
+def _furnace_pair(canvas: Canvas, name: str, parameters: Mapping[str, float]) -> list[Image]:
+    pair = [make(name, parameters, canvas.side, canvas.samples) for make in (furnace_tile, _false_tile)]
+    canvas.done()
+    return pair
+
+
+def _numbers(parameters: Mapping[str, float]) -> str:
+    return ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
+
+
+def _share(most: float) -> str:
+    if most > 2:
+        return f"{most:.3g} times"
+    return f"+{most - 1:.2%}" if most - 1 > 1e-5 else "conserves"
+
+
+_SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
+
+
+def furnace(canvas: Canvas) -> Image:
+    """Every published BRDF beside the validated one of the same lobe, with the excess in false colour and its scale."""
+    # First what returns all light and vanishes: the validated lobes of the others lose some away from the normal.
+    white, whiter = {"reflectance": 1.0}, {"reflectance": 1.2}
+    rows = [_furnace_pair(canvas, "lambert", white) + _furnace_pair(canvas, "lambert", whiter)]
+    labels = [f"lambert, reflectance = 1, beside 1.2: {_share(furnace_largest('lambert', whiter))}"]
+    for name, parameters, validated in PAIRS:
+        rows.append(_furnace_pair(canvas, validated, parameters) + _furnace_pair(canvas, name, parameters))
+        label = f"{name}, {_numbers(parameters)}: {_share(furnace_largest(name, parameters))}"
+        if name == "phong-classical":  # not reciprocal, and the furnace gathers over the direction of the light
+            other = float(albedo(catalog.entry(name).family.build(**parameters), np.cos(np.radians(89.0))).value)
+            label += f"\n(summed over views, light at 89 degrees: {other:.3g} times)"
+        labels.append(label)
+    columns, down = ("validated", "excess", "published", "excess"), "the largest of 0 to 89 degrees"
+    sheet = contact_sheet(rows, columns=columns, labels=labels, down=down)
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
+
+
+def furnace_validated(canvas: Canvas) -> Image:
+    """Every validated BRDF, with what it lacks in grey."""
+    tiles, labels = [], []
+    for entry in catalog.entries():
+        if entry.validated:
+            values = {name: _USUAL[name] for name in entry.family.ranges}
+            tiles.append(_furnace_pair(canvas, entry.name, values))
+            labels.append(f"{entry.name}, {_numbers(values)}")
+    half = len(tiles) // 2
+    columns = ("furnace", "excess")
+    sheets = [contact_sheet(tiles[part], columns=columns, labels=labels[part]) for part in (slice(half), slice(half, 2 * half))]
+    sheet = np.concatenate(sheets, axis=2)
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))

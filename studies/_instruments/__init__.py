@@ -1,0 +1,1 @@
+"""What the studies measure and draw with."""

@@ -1,0 +1,137 @@
+"""Maps of what became of a matrix of albedos and derivatives, and the shares of each outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from brdfcheck import plots
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# By the codes of `_instruments.stability.Outcome`.
+OUTCOMES = {"holds": "#DDEBDD", "loses digits": "#F5C86E", "lies": "#882255", "breaks": "#222222"}
+_PRECISIONS = ("float64", "float32")
+_ACROSS = 5
+_ROW = 0.13
+_PANEL = 2.35
+
+
+def _short(value: float) -> str:
+    """A parameter as a tick: 17.85, 10⁵."""
+    exponent = f"{value:e}".partition("e")
+    if value >= 1e3 and float(exponent[0]) == 1:
+        return f"10{plots.superscript(int(exponent[2]))}"
+    return f"{value:g}"
+
+
+def _legend(figure: Figure) -> None:
+    from matplotlib.patches import Patch
+
+    handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for name, color in OUTCOMES.items()]
+    figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
+
+
+def file_of(method: str) -> str:
+    """The name of the file of a method's map."""
+    return method.replace(", ", "-").replace(" ", "-") + ".png"
+
+
+def cells(counts: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows of a table of counts, as `_instruments.stability.counted` gives them."""
+    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
+    return ("method", "of", "precision", *OUTCOMES), rows
+
+
+def shown(counts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Markdown that shows the map of each method that was counted."""
+    return [f"`{method}`:\n\n![{method}]({file_of(method)})" for method in dict.fromkeys(row["method"] for row in counts)]
+
+
+def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
+    """A bar for each method, precision and quantity: which part of its cells became what.
+
+    `results`: mappings with method, dtype, `of` ("value", "d/dn", "d/dtheta") and outcomes, strings of digits, "-" for a cell
+    that is left out.
+    """
+    methods = list(dict.fromkeys(result["method"] for result in results))
+    quantities = list(dict.fromkeys(result["of"] for result in results))
+    inches = 0.36 * len(methods) + 1.5
+    figure = plots.empty(max(3.1 * len(quantities) + 1.4, 6.6), inches)  # the legend needs 6.6
+    with plots.house_style():
+        grid = figure.subplots(1, len(quantities), sharey=True, squeeze=False)[0]
+        for axes, quantity in zip(grid, quantities, strict=True):
+            for place, method in enumerate(methods):
+                for shift, dtype in zip((-0.2, 0.2), _PRECISIONS, strict=True):
+                    own = [r for r in results if (r["method"], r["of"], r["dtype"]) == (method, quantity, dtype)]
+                    cells = "".join(row for result in own for row in result["outcomes"]).replace("-", "")
+                    left = 0.0
+                    for code, color in enumerate(OUTCOMES.values()):
+                        part = 100 * cells.count(str(code)) / max(len(cells), 1)
+                        axes.barh(place + shift, part, 0.36, left=left, color=color, edgecolor="#888888", linewidth=0.3)
+                        left += part
+            axes.set(title=quantity.replace("theta", "θ"), xlim=(0, 100), xlabel="% of the cells")
+        grid[0].set_yticks(range(len(methods)), methods, fontsize=8)
+        grid[0].set_ylim(len(methods) - 0.5, -0.5)
+        grid[0].set_ylabel("above: float64\nbelow: float32", fontsize=7)
+        _legend(figure)
+        figure.tight_layout(rect=(0, 0.35 / inches, 1, 1))
+    return figure
+
+
+def maps(
+    results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float], **_: Any
+) -> dict[str, bytes]:
+    """An `outcome_map` as PNG for each method of the results, by `file_of`."""
+    methods = dict.fromkeys(result["method"] for result in results)
+    return {file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png") for method in methods}
+
+
+def outcome_map(
+    method: str, results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float]
+) -> Figure:
+    """A panel for each lobe that `method` takes: parameters down; across, the angles of each quantity and precision.
+
+    What was not asked for is white.
+
+    `results` as in `shares`, with the lobe of each; `lobes`: label and parameters by name; `angles` in degrees.
+    """
+    own = [result for result in results if result["method"] == method]
+    names = list(dict.fromkeys(result["lobe"] for result in own))
+    blocks = list(dict.fromkeys((result["of"], result["dtype"]) for result in own))
+    blocks.sort(key=lambda block: (["value", "d/dn", "d/dtheta"].index(block[0]), _PRECISIONS.index(block[1])))
+    count = len(angles)
+    across = min(_ACROSS, len(names))
+    down = -(-len(names) // across)
+    inches = down * (12 * _ROW + 0.75) + 0.7
+    figure = plots.empty(across * _PANEL + 0.4, inches)
+    with plots.house_style():
+        from matplotlib.colors import ListedColormap
+
+        colors = ListedColormap(list(OUTCOMES.values()))
+        grid = figure.subplots(down, across, squeeze=False).ravel()
+        for axes, name in zip(grid, names, strict=False):
+            parameters = lobes[name]["parameters"]
+            picture = [[float("nan")] * (count * len(blocks)) for _ in parameters]
+            for result in own:
+                if result["lobe"] == name and (result["of"], result["dtype"]) in blocks:
+                    shift = count * blocks.index((result["of"], result["dtype"]))
+                    for line, cells in enumerate(result["outcomes"]):
+                        for column, cell in enumerate(cells):
+                            picture[line][shift + column] = float("nan") if cell == "-" else float(cell)
+            axes.imshow(picture, aspect="auto", cmap=colors, vmin=-0.5, vmax=3.5, interpolation="nearest")
+            for block in range(1, len(blocks)):
+                axes.axvline(block * count - 0.5, color="black" if block % 2 == 0 else "#888888", linewidth=0.7)
+            axes.set_title(lobes[name]["label"], fontsize=8)
+            axes.set_yticks(range(len(parameters)), [_short(value) for value in parameters], fontsize=5.5)
+            labels = [f"{of.replace('theta', 'θ')}\n{dtype[-2:]}" for of, dtype in blocks]
+            axes.set_xticks([block * count + (count - 1) / 2 for block in range(len(blocks))], labels, fontsize=5.5)
+            axes.tick_params(length=1.5)
+        for axes in grid[len(names) :]:
+            axes.axis("off")
+        shown = ", ".join(f"{angle:g}" for angle in angles)
+        figure.suptitle(f"{method}: n (or m) down; in each column, angles {shown}°, float{{64, 32}}", fontsize=9)
+        _legend(figure)
+        figure.tight_layout(rect=(0, 0.3 / inches, 1, 1 - 0.1 / inches))
+    return figure

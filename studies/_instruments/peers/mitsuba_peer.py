@@ -1,0 +1,119 @@
+"""Mitsuba 3: the mean weight of its own sampling of a rough conductor, in the variant that this machine can run."""
+
+from __future__ import annotations
+
+import functools
+import glob
+import math
+import os
+import re
+from typing import Any, ClassVar, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from _instruments.peers.peer import AbstractPeer, load, not_installed
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.quadrature.rule import Raw, checked_count
+
+# The oldest LLVM that the llvm variants run on, and where Debian and others put its library.
+_OLDEST_LLVM = 16
+_LLVM = (
+    "/usr/lib/*/libLLVM*.so*",
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/lib64/libLLVM*.so*",
+    "/usr/local/lib/libLLVM*.so*",
+)
+_LARGEST_SCALAR = 2**16
+
+
+def llvm_library() -> str | None:
+    """The path of an LLVM shared library of version 16 or newer: `$DRJIT_LIBLLVM_PATH`, else the newest one found."""
+    named = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if named:
+        return named if os.path.exists(named) else None
+    found = []
+    for path in (path for pattern in _LLVM for path in glob.glob(pattern)):
+        version = re.search(r"libLLVM(?:-|\.so\.)(\d+)", os.path.basename(path))
+        if version and int(version[1]) >= _OLDEST_LLVM:
+            found.append((int(version[1]), path))
+    return max(found)[1] if found else None
+
+
+@functools.cache
+def variant() -> tuple[str, str]:
+    """The variant of Mitsuba that is used, and why. Sets it, once."""
+    mitsuba = load("mitsuba")
+    library = llvm_library()
+    if library is not None and "llvm_ad_rgb" in mitsuba.variants():
+        os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
+        mitsuba.set_variant("llvm_ad_rgb")
+        return "llvm_ad_rgb", library
+    mitsuba.set_variant("scalar_rgb")
+    return "scalar_rgb", "no LLVM shared library of version 16 or newer: apt-get install libllvm19, or set DRJIT_LIBLLVM_PATH"
+
+
+@final
+class MitsubaSampling(AbstractPeer):
+    """The mean of what Mitsuba's `roughconductor.sample` returns; the error is its standard error.
+
+    For Beckmann and GGX metal with F = 1 and separable Smith masking. `visible=False` samples all normals instead of the
+    visible ones. ValueError for fewer than two samples.
+    """
+
+    samples: int = eqx.field(static=True)
+    visible: bool = eqx.field(static=True)
+    name: ClassVar[str] = "mitsuba"
+    family: ClassVar[str] = "peers"
+    package: ClassVar[str] = "mitsuba"
+    ladder: ClassVar[tuple[Any, ...]] = (2**6, 2**8, 2**10, 2**12, 2**14, 2**16, 2**18)
+    needs: ClassVar[str] = "Beckmann or GGX metal with F = 1 and masking='smith-separable'"
+    random: ClassVar[bool] = True
+    on_host: ClassVar[bool] = True
+
+    def __init__(self, samples: int = 2**14, visible: bool = True):
+        self.samples = checked_count(samples, "samples", 2)
+        self.visible = bool(visible)
+
+    @classmethod
+    def missing(cls) -> str | None:
+        return not_installed("mitsuba")
+
+    def applies(self, core: Any, cos_theta: Any) -> bool:
+        if isinstance(core, CookTorrance):
+            plain = not core.m.ndim and core.convention == "correct" and bool(np.all(np.asarray(core.weights) == 1))
+        else:
+            plain = isinstance(core, GGX)
+        return plain and core.f0 is None and core.masking == "smith-separable"
+
+    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+        name, _ = variant()
+        mitsuba = load("mitsuba")
+        beckmann = isinstance(core, CookTorrance)
+        bsdf = mitsuba.load_dict(
+            {
+                "type": "roughconductor",
+                "distribution": "beckmann" if beckmann else "ggx",
+                "alpha": float(core.m if beckmann else core.alpha),
+                "material": "none",
+                "sample_visible": self.visible,
+            }
+        )
+        # Two uniforms a sample, from the key: Mitsuba computes in single precision.
+        u = np.asarray(jax.random.uniform(key, (2, self.samples), jnp.float32))
+        wi = [math.sqrt((1 - float(mu)) * (1 + float(mu))), 0.0, float(mu)]
+        context = mitsuba.BSDFContext()
+        surface = mitsuba.SurfaceInteraction3f()
+        surface.wi = wi
+        if name.startswith("llvm"):
+            _, weight = bsdf.sample(context, surface, 0.5, mitsuba.Point2f(mitsuba.Float(u[0]), mitsuba.Float(u[1])))
+            weights = np.array(weight[0]).astype(float)
+        else:
+            if self.samples > _LARGEST_SCALAR:
+                raise ValueError(f"the scalar variant takes at most {_LARGEST_SCALAR} samples; {variant()[1]}")
+            weights = np.array([bsdf.sample(context, surface, 0.5, pair)[1][0] for pair in u.T.tolist()], dtype=float)
+        weights = np.broadcast_to(weights, (self.samples,))
+        return Raw(weights.mean(), weights.std(ddof=1) / math.sqrt(self.samples), self.samples)

@@ -1,0 +1,178 @@
+"""Speed against accuracy: what a rule costs and how wrong it is, measured against a reference from elsewhere.
+
+A measurement knows nothing of plots, and the reference is handed in: it is never made by a contender.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from _instruments.peers import AbstractPeer
+from brdfcheck.cores import on_one_core
+from brdfcheck.output import records
+from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
+
+# Budgets after which a peer that compiles nothing is not run a second time.
+_MUCH = 10
+
+
+@dataclass(frozen=True)
+class WorkPrecision:
+    """One rule with one setting at one place.
+
+    `error` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs. `claimed` is
+    what the rule says of itself, also relative (NaN where it says nothing). `evaluations` of the BRDF for one albedo.
+    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call, on all cores, took beyond that.
+    `parameter` is the exponent n, or the slope m of a microfacet lobe.
+    """
+
+    case: str
+    rule: str
+    family: str
+    setting: Any
+    lobe: str
+    parameter: float
+    cos_theta: float
+    value: float
+    reference: float
+    error: float
+    claimed: float
+    evaluations: int
+    warm_seconds: float
+    compile_seconds: float
+    status: str
+    dtype: str
+    device: str
+    versions: dict[str, str]
+
+    def to_json_object(self) -> dict[str, Any]:
+        """All fields but the versions, which a record holds once, ready for strict JSON; times to four digits."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "versions"}
+        fields |= {name: float(f"{fields[name]:.4g}") for name in ("warm_seconds", "compile_seconds")}
+        return {name: records.number(value) if isinstance(value, float) else value for name, value in fields.items()}
+
+
+@dataclass(frozen=True)
+class Case:
+    """An integral to be done: a BRDF, an incidence, and its albedo from an independent method.
+
+    `parameter` is the lobe's exponent or slope, for the record; the numbers of the BRDF set the precision.
+    """
+
+    name: str
+    lobe: str
+    brdf: Any
+    parameter: float
+    cos_theta: float
+    reference: float
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision of the BRDF's numbers."""
+        return np.result_type(*(leaf.dtype for leaf in jax.tree.leaves(eqx.filter(self.brdf, eqx.is_array))))
+
+
+def single(case: Case) -> Case:
+    """The same case in float32."""
+    narrow = jax.tree.map(lambda leaf: leaf.astype(jnp.float32) if eqx.is_array(leaf) else leaf, case.brdf)
+    return dataclasses.replace(case, name=f"{case.name}, float32", brdf=narrow)
+
+
+def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, budget: float = 2.0) -> WorkPrecision:
+    """Run a rule on a case. `repeats`: of the timing; `runs`: with other keys, of a rule with chance in it.
+
+    No more repeats are begun once `budget` seconds are spent, but one always is: `warm_seconds` never holds what the first
+    call compiles. A peer that compiles nothing and took ten times the budget is not run again. Errors of the rule pass through.
+    """
+    mu = jnp.asarray(case.cos_theta, case.dtype)
+    keys = [jax.random.key(seed) for seed in range(runs)] if rule.random else [None]
+    program: Callable[..., Any]
+    program = (lambda brdf, mu, key: rule(brdf, mu, key=key)) if rule.on_host else _compiled(rule)
+    first, answer = _timed(program, case.brdf, mu, keys[0])
+    warm, spent = math.inf, 0.0
+    # Rules on the host are timed a second time, once: some compile too, and what the first call took must not pass for the time
+    # of an albedo. Where a peer that compiles nothing took very long, that was it.
+    repeats = 1 if rule.on_host else max(repeats, 1)
+    if isinstance(rule, AbstractPeer) and not rule.compiles and first > _MUCH * budget:
+        warm, repeats = first, 0
+    with on_one_core():
+        for _ in range(repeats):
+            seconds, answer = _timed(program, case.brdf, mu, keys[0])
+            warm, spent = min(warm, seconds), spent + seconds
+            if spent > budget:
+                break
+    answers = [answer, *(program(case.brdf, mu, key) for key in keys[1:])]
+    values = np.array([float(part.value) for part in answers])
+    errors = np.abs(values - case.reference) / abs(case.reference)
+    middle = int(np.argsort(np.where(np.isnan(errors), np.inf, errors))[len(errors) // 2])
+    chosen = answers[middle]
+    packages = (rule.package,) if isinstance(rule, AbstractPeer) else ()
+    claimed = float(chosen.error) / abs(case.reference)
+    return WorkPrecision(
+        case=case.name,
+        rule=rule.name,
+        family=rule.family,
+        setting=rule.setting,
+        lobe=case.lobe,
+        parameter=case.parameter,
+        cos_theta=case.cos_theta,
+        value=float(values[middle]),
+        reference=case.reference,
+        error=float(errors[middle]),
+        claimed=claimed if math.isfinite(claimed) else math.nan,
+        evaluations=int(chosen.evaluations),
+        warm_seconds=warm,
+        compile_seconds=max(first - warm, 0.0),
+        status=MESSAGES[int(chosen.status)],
+        dtype=str(case.dtype),
+        device=f"{jax.devices()[0].platform} {jax.devices()[0].device_kind}",
+        versions=records.versions(*packages),
+    )
+
+
+@eqx.filter_jit
+def _call(rule: AbstractRule, brdf: Any, mu: Any, key: Any) -> Any:
+    return rule(brdf, mu, key=key)
+
+
+def _compiled(rule: AbstractRule) -> Callable[..., Any]:
+    return lambda brdf, mu, key: _call(rule, brdf, mu, key)
+
+
+def _timed(program: Callable[..., Any], brdf: Any, mu: Any, key: Any) -> tuple[float, Any]:
+    began = time.perf_counter()
+    answer = jax.block_until_ready(program(brdf, mu, key))
+    return time.perf_counter() - began, answer
+
+
+def measure_all(
+    rules: Iterable[RuleKind], case: Case, *, most_seconds: float = 1.0, settings: int | None = None
+) -> list[WorkPrecision]:
+    """Every rule that takes the case, through its ladder of settings until one albedo takes longer than `most_seconds`.
+
+    `settings`: only so many of each ladder, evenly. A setting that raises ends its ladder.
+    """
+    found = []
+    for constructor in rules:
+        ladder: Sequence[Any] = constructor.ladder
+        if settings is not None and len(ladder) > settings:
+            ladder = [ladder[round(place)] for place in np.linspace(0, len(ladder) - 1, settings)]
+        for setting in ladder:
+            rule = constructor(setting)
+            if not rule.takes(case.brdf, jnp.asarray(case.cos_theta)):
+                break
+            point = measure(rule, case, repeats=3, budget=most_seconds)
+            found.append(point)
+            if point.warm_seconds > most_seconds:
+                break
+    return found

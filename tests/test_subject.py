@@ -1,0 +1,328 @@
+"""Words of the command line and files of users."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from brdfcheck.brdf.readers.python import load_module, load_object, split_spec
+from brdfcheck.brdf.subject import Target, catalog_target, resolve
+from brdfcheck.cli.words import parse_cosines, parse_over, parse_range
+from brdfcheck.messages import UsageError, one_line
+
+Write = Callable[..., str]
+
+
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """Writes a Python file and returns its path; what is imported is forgotten afterwards."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+    def write(source: str, name: str = "mine.py") -> str:
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(textwrap.dedent(source))
+        return str(path)
+
+    return write
+
+
+def one(spec: str, **ranges: tuple[float, float]) -> Target:
+    return resolve([spec], ranges, None)[0]
+
+
+# --- the grammar of --over ---
+
+names = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,8}", fullmatch=True)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(names, finite, finite)
+def test_ranges_are_read_exactly(name: str, first: float, second: float) -> None:
+    low, high = sorted((first, second))
+    assert parse_over([f"{name}={low!r}:{high!r}"]) == {name: (low, high)}
+    assert parse_over([f"{name}={low!r}"]) == {name: (low, low)}
+
+
+@given(st.text(max_size=20))
+def test_any_other_text_is_a_usage_error_in_one_line(text: str) -> None:
+    message, bounds = "", (0.0, 0.0)
+    try:
+        (bounds,) = parse_over([text]).values()
+    except UsageError as error:
+        message = str(error)
+    assert message.isprintable()
+    assert not message or message.startswith("--over")
+    assert bounds[0] <= bounds[1]
+    assert np.isfinite(bounds).all()
+
+
+@given(names, finite, finite)
+def test_reversed_ranges_are_refused(name: str, first: float, second: float) -> None:
+    low, high = sorted((first, second))
+    if low < high:
+        with pytest.raises(UsageError, match="LO must not exceed HI"):
+            parse_over([f"{name}={high!r}:{low!r}"])
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("n", "must be NAME=LO:HI"),
+        ("=1:2", "must be NAME=LO:HI"),
+        ("2n=1:2", "must be NAME=LO:HI"),
+        ("n=", "must be LO:HI"),
+        ("n=1:", "must be LO:HI"),
+        ("n=:1", "must be LO:HI"),
+        ("n=1:2:3", "must be LO:HI"),
+        ("n=one:2", "'one' is not a number"),
+        ("n=nan:2", "must be finite; got nan"),
+        ("n=1:inf", "must be finite; got inf"),
+        ("n=5:1", "5 > 1"),
+    ],
+)
+def test_bad_ranges_say_what_is_allowed(option: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        parse_over([option])
+
+
+def test_a_parameter_is_given_once() -> None:
+    with pytest.raises(UsageError, match="'n' is given twice"):
+        parse_over(["n=1:2", "n=3"])
+
+
+def test_cosines() -> None:
+    assert parse_cosines(None) is None
+    assert parse_cosines("0.1:1") == (0.1, 1.0)
+    for text in ("-0.1:1", "0:1.5"):
+        with pytest.raises(UsageError, match="within 0:1"):
+            parse_cosines(text)
+
+
+def test_small_things() -> None:
+    assert parse_range(" 1 : 2 ", "x") == (1.0, 2.0)
+    assert one_line("a\n  b\x1b[31m\tc") == "a b[31m c"
+    assert split_spec("a:b/mine.py:f") == ("a:b/mine.py", "f")
+    assert split_spec("mine.py") == ("mine.py", None)
+
+
+# --- files ---
+
+
+def test_neighbours_can_be_imported_and_prints_are_harmless(write: Write) -> None:
+    write("scale = 0.25", "neighbour_of_mine.py")
+    path = write(
+        """
+        from neighbour_of_mine import scale
+        print(__file__)
+        def brdf(wi, wo):
+            return scale + 0 * wi[..., 2]
+        """
+    )
+    value, spec = load_object(path)
+    assert spec == f"{path}:brdf"
+    assert value(np.ones((1, 3)), None) == 0.25
+    assert sys.modules[value.__module__].__file__ == path
+
+
+def test_neighbours_of_two_folders_are_not_confused(write: Write) -> None:
+    for folder in "ab":
+        write(f"name = '{folder}'", f"{folder}/twin_helper.py")
+        path = write("from twin_helper import name\ndef brdf(): return name", f"{folder}/mine.py")
+        assert load_object(path)[0]() == folder
+
+
+def test_a_file_is_read_afresh(write: Write) -> None:
+    for value in "12":
+        assert load_module(write(f"value = {value}")).value == int(value)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("x = 1\nx = undefined", "line 2: NameError: name 'undefined' is not defined"),
+        ("def f(:", "line 1: SyntaxError"),
+        ("import sys\nsys.exit('done')", r"line 2: it calls sys\.exit\('done'\) while being imported"),
+        ("import no_such_module_anywhere", "line 1: ModuleNotFoundError"),
+        ("raise ValueError('two\\nlines')", "ValueError: two lines"),
+    ],
+)
+def test_a_file_that_cannot_be_imported_says_why(write: Write, source: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message) as caught:
+        load_module(write(source))
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files_and_objects(write: Write, tmp_path: Path) -> None:
+    path = write("def first(wi, wo): ...\ndef second(wi, wo): ...\nvalue = 3\n_hidden = first")
+    for spec, message in (
+        (f"{tmp_path}/absent.py:f", "there is no file"),
+        (f"{tmp_path}:f", "path/to/file.py:object"),
+        (f"{tmp_path}/mine.txt:f", "path/to/file.py:object"),
+        (f"{path}:third", "has no object 'third'; it offers first, second"),
+        (f"{path}:value", r"is not callable \(int\)"),
+        (path, "say which object .* first, second"),
+        (write("x = 1", "empty.py"), "it defines no public callable"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            load_object(spec)
+    folder = tmp_path / "folder.py"
+    folder.mkdir()
+    with pytest.raises(UsageError, match="is a folder"):
+        load_object(f"{folder}:f")
+    assert load_object(f"{path}:first.__call__")[1].endswith("first.__call__")
+
+
+# --- kinds of objects ---
+
+KINDS = """
+    import jax.numpy as jnp
+    from brdfcheck import BinomialPower, Factor, Normalized, Phong
+
+    instance = Phong(3.0)
+
+    def function(wi, wo):
+        return 0 * wi[..., 2]
+
+    def function_with_parameter(wi, wo, strength):
+        return strength + 0 * wi[..., 2]
+
+    def unusual_names(a, b):
+        return 0 * a[..., 2]
+
+    def factory(n, ks=0.5):
+        return Normalized(Phong(n), Factor(2.0, 2 * jnp.pi / ks))
+
+    def pair(roughness, tint):
+        return function
+
+    def odd_pair(first, second):
+        return function
+
+    def no_parameters():
+        return function
+
+    def open_ended(**parameters):
+        return Phong(parameters["n"])
+
+    class Mine:
+        def __init__(self, gloss):
+            self.gloss = gloss
+        def __call__(self, wi, wo):
+            return self.gloss + 0 * wi[..., 2]
+
+    def picky(n):
+        if n > 5:
+            raise RuntimeError("too large")
+        return function
+
+    def sized(n, k: int = 16):
+        return BinomialPower(n, k)
+
+    def hard_coded(n):
+        return BinomialPower(n, 15)
+"""
+
+
+@pytest.fixture
+def kinds(write: Write) -> str:
+    return write(KINDS)
+
+
+WI = np.array([[0.6, 0.0, 0.8]])
+
+
+@pytest.mark.parametrize(
+    ("name", "ranges", "value"),
+    [
+        ("function", {}, 0.0),
+        ("unusual_names", {}, 0.0),
+        ("function_with_parameter", {"strength": (0.0, 1.0)}, 1.0),
+        ("Mine", {"gloss": (0.0, 1.0)}, 1.0),
+        ("no_parameters", {}, 0.0),
+        ("pair", {"roughness": (0.0, 1.0), "tint": (0.0, 1.0)}, 0.0),
+    ],
+)
+def test_every_kind_of_object_becomes_a_family(kinds: str, name: str, ranges: dict, value: float) -> None:
+    target = one(f"{kinds}:{name}", **ranges)
+    assert target.finding is None
+    assert target.family.name == f"{kinds}:{name}"
+    assert target.family.ranges == ranges
+    assert target.file == kinds
+    assert target.line
+    brdf = target.family.build(**{parameter: high for parameter, (_, high) in ranges.items()})
+    assert np.asarray(brdf(WI, WI)) == pytest.approx(value)
+
+
+def test_instances_factories_and_open_ends(kinds: str) -> None:
+    assert one(f"{kinds}:instance").family.build().n == 3
+    assert one(f"{kinds}:factory", n=(1.0, 2.0)).family.build(n=jnp.asarray(2.0)).lobe.n == 2
+    assert set(one(f"{kinds}:factory", n=(1.0, 2.0), ks=(0.1, 1.0)).family.ranges) == {"n", "ks"}
+    assert one(f"{kinds}:open_ended", n=(1.0, 2.0)).family.build(n=1.5).n == 1.5
+
+
+def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
+    target = one(f"{kinds}:sized", n=(1.0, 2.0), k=(4.0, 4.0))
+    assert target.fixed == {"k": 4}
+    assert target.family.build(n=1.0).k == 4
+    assert set(target.family.ranges) == {"n"}
+
+
+@pytest.mark.parametrize(
+    ("name", "ranges", "message"),
+    [
+        ("factory", {}, "the parameter n must be given a range: --over n=LO:HI"),
+        ("Mine", {}, "the parameter gloss must be given"),
+        ("pair", {}, "the parameters roughness, tint must be given"),
+        ("odd_pair", {}, "the parameters first, second must be given"),
+        ("function_with_parameter", {}, "the parameter strength must be given"),
+        ("factory", {"n": (1.0, 2.0), "gloss": (0.0, 1.0)}, "no parameter 'gloss'; it takes n, ks"),
+        ("function", {"n": (1.0, 2.0)}, "no parameter 'n'; it takes no parameters"),
+        ("instance", {"n": (1.0, 2.0)}, "is one Phong"),
+        ("sized", {"n": (1.0, 2.0), "k": (2.0, 4.0)}, "k is a whole number"),
+        ("sized", {"n": (1.0, 2.0), "k": (3.0, 3.0)}, "k must be a positive even integer; got 3"),
+        ("hard_coded", {"n": (1.0, 2.0)}, "k must be a positive even integer; got 15"),
+        ("factory", {"n": (-1.0, 2.0)}, "n must be a finite number >= 0; got -1"),
+    ],
+)
+def test_parameters_are_checked_before_the_work(kinds: str, name: str, ranges: dict, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        one(f"{kinds}:{name}", **ranges)
+
+
+def test_a_factory_of_the_user_that_raises_is_a_finding(kinds: str) -> None:
+    assert one(f"{kinds}:picky", n=(1.0, 10.0)).finding == "picky(n=10) raised RuntimeError: too large"
+
+
+# --- the catalogue, and both together ---
+
+
+def test_catalogue_names() -> None:
+    target = catalog_target("phong", {"n": (1.0, 2.0)}, (0.5, 1.0))
+    assert (target.family.ranges, target.family.cos_theta) == ({"n": (1.0, 2.0)}, (0.5, 1.0))
+    for name, ranges, message in (
+        ("fong", {}, "unknown BRDF 'fong'; did you mean phong"),
+        ("phong", {"n": (-1.0, 2.0)}, "phong at n=-1: n must be a finite number >= 0"),
+        ("ggx", {"alpha": (0.0, 1.0)}, "alpha must be finite and > 0"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            catalog_target(name, ranges, None)
+
+
+def test_a_range_must_belong_to_some_brdf(kinds: str) -> None:
+    with pytest.raises(UsageError, match="phong has no parameter 'm'; allowed with --over: n"):
+        resolve(["phong"], {"m": (0.1, 1.0)}, None)
+    with pytest.raises(UsageError, match="none of the BRDFs has a parameter 'q'; allowed with --over: alpha, n"):
+        resolve(["phong", "ggx"], {"q": (0.1, 1.0)}, None)
+    phong, ggx = resolve(["phong", "ggx"], {"alpha": (0.1, 0.2)}, None)
+    assert (phong.family.ranges["n"], ggx.family.ranges["alpha"]) == ((0.01, 1e5), (0.1, 0.2))
+    phong, mine = resolve(["phong", f"{kinds}:Mine", "phong"], {"n": (1.0, 2.0), "gloss": (0.0, 1.0)}, None)
+    assert (phong.family.ranges, mine.family.ranges) == ({"n": (1.0, 2.0)}, {"gloss": (0.0, 1.0)})
