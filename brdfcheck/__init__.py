@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from brdfcheck.brdf.lobes import Schlick as Schlick
     from brdfcheck.brdf.microfacet import GGX as GGX
     from brdfcheck.brdf.microfacet import CookTorrance as CookTorrance
+    from brdfcheck.brdf.subject import load as load
     from brdfcheck.budgets.measure import Budget as Budget
     from brdfcheck.budgets.measure import budget as budget
     from brdfcheck.fits.factor import FactorFit as FactorFit
@@ -73,6 +74,7 @@ _HOME = {
     "check": "verdict",
     "factor_ladder": "fits.ladder",
     "fit_factor": "fits.factor",
+    "load": "brdf.subject",
     "use_x64": "runtime",
 }
 
@@ -107,6 +109,7 @@ __all__ = [
     "check",
     "factor_ladder",
     "fit_factor",
+    "load",
     "use_x64",
 ]
 

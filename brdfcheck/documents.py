@@ -16,6 +16,8 @@ def read_document(path: str | Path) -> tuple[dict[str, Any], str]:
         if Path(path).is_dir():
             raise UsageError(f"{label} is a folder; give a TOML file")
         text = Path(path).read_bytes().decode("utf-8")
+    except UsageError:
+        raise
     except FileNotFoundError:
         raise UsageError(f"there is no file {label!r}") from None
     except UnicodeDecodeError:

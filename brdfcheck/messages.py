@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 
-class UsageError(Exception):
+class UsageError(ValueError):
     """What the user typed cannot be done. The message is one line that names the value and what is allowed."""
+
+
+class UnknownName(UsageError, KeyError):
+    """There is nothing of that name. The message names the nearest ones."""
+
+    __str__ = Exception.__str__  # a KeyError shows its message in quotes
 
 
 def one_line(text: object) -> str:

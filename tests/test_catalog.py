@@ -13,8 +13,9 @@ from problems import LOBES, facet_lobe, facet_tables, zonal_tables
 
 from brdfcheck.brdf import catalog, lobes, microfacet
 from brdfcheck.brdf.base import FORMS, AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.family import Family
-from brdfcheck.quadrature.albedo import albedo, peel
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Report, Verdict, check
 

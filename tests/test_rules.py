@@ -15,12 +15,12 @@ from problems import LOBES, PHONG_POLYNOMIALS, facet_lobe, facet_tables, zonal_t
 
 import brdfcheck.quadrature
 from brdfcheck.brdf.base import AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PerCosine, PhongExact
+from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PerCosine, PhongExact, peel
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.quadrature import RULES, exact, product, sampling, warped
 from brdfcheck.quadrature import rule as rules
-from brdfcheck.quadrature.albedo import albedo, peel
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.closed_form import ClosedForm, phong_albedo
 
 KEY = jax.random.key(7)

@@ -271,7 +271,7 @@ def test_instances_factories_and_open_ends(kinds: str) -> None:
 
 def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
     target = one(f"{kinds}:sized", n=(1.0, 2.0), k=(4.0, 4.0))
-    assert target.fixed == {"k": 4}
+    assert target.family.held == {"k": 4}
     assert target.family.build(n=1.0).k == 4
     assert set(target.family.ranges) == {"n"}
 
@@ -284,9 +284,9 @@ def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
         ("pair", {}, "the parameters roughness, tint must be given"),
         ("odd_pair", {}, "the parameters first, second must be given"),
         ("function_with_parameter", {}, "the parameter strength must be given"),
-        ("factory", {"n": (1.0, 2.0), "gloss": (0.0, 1.0)}, "no parameter 'gloss'; it takes n, ks"),
-        ("function", {"n": (1.0, 2.0)}, "no parameter 'n'; it takes no parameters"),
-        ("instance", {"n": (1.0, 2.0)}, "is one Phong"),
+        ("factory", {"n": (1.0, 2.0), "gloss": (0.0, 1.0)}, "no parameter 'gloss'; its parameters: n, ks"),
+        ("function", {"n": (1.0, 2.0)}, "no parameter 'n'; its parameters: none"),
+        ("instance", {"m": (1.0, 2.0)}, "has no parameter 'm'; its parameters: n"),
         ("sized", {"n": (1.0, 2.0), "k": (2.0, 4.0)}, "k is a whole number"),
         ("sized", {"n": (1.0, 2.0), "k": (3.0, 3.0)}, "k must be a positive even integer; got 3"),
         ("hard_coded", {"n": (1.0, 2.0)}, "k must be a positive even integer; got 15"),
@@ -318,9 +318,9 @@ def test_catalogue_names() -> None:
 
 
 def test_a_range_must_belong_to_some_brdf(kinds: str) -> None:
-    with pytest.raises(UsageError, match="phong has no parameter 'm'; allowed with --over: n"):
+    with pytest.raises(UsageError, match="phong has no parameter 'm'; its parameters: n"):
         resolve(["phong"], {"m": (0.1, 1.0)}, None)
-    with pytest.raises(UsageError, match="none of the BRDFs has a parameter 'q'; allowed with --over: alpha, n"):
+    with pytest.raises(UsageError, match="none of the BRDFs has a parameter 'q'; their parameters: alpha, n"):
         resolve(["phong", "ggx"], {"q": (0.1, 1.0)}, None)
     phong, ggx = resolve(["phong", "ggx"], {"alpha": (0.1, 0.2)}, None)
     assert (phong.family.ranges["n"], ggx.family.ranges["alpha"]) == ((0.01, 1e5), (0.1, 0.2))

@@ -9,6 +9,7 @@ import pytest
 
 from brdfcheck import Factor, Normalized, albedo, albedo_table
 from brdfcheck.brdf import catalog
+from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.operations import elements
@@ -180,7 +181,7 @@ def test_few_exps_a_cell(name, most):
     n, mu = np.geomspace(1, 1000, 1000), np.linspace(1 / 90, 1, 90)
     family = catalog.exponent_family(name)
     shape, powers = tables._structure(family, np.dtype(float))
-    plan = tables._plan(directional.peel(shape)[0], powers, np.dtype(float))
+    plan = tables._plan(peel(shape)[0], powers, np.dtype(float))
     blocks = tables._blocks(n, plan)
     traced = jax.make_jaxpr(lambda mu: tables._shared_nodes(family, plan, jnp.asarray(n), blocks, mu))(jnp.asarray(mu))
     count = elements(traced)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import brdfcheck
+from brdfcheck import cli
 from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PhongExact
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
-from brdfcheck.verdict import TOLERANCE, Report, Verdict, as_family, check, check_family, judge
+from brdfcheck.brdf.subject import as_family
+from brdfcheck.verdict import TOLERANCE, Report, Verdict, check, check_family, judge
 
 CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
 
@@ -115,7 +118,6 @@ def test_usual_ranges_of_a_class() -> None:
         (BinomialPower, {"n": (1.0, 1000.0)}),
         (GGX, {"alpha": (0.05, 1.0)}),
         (CookTorrance, {"m": (0.05, 1.0)}),
-        (lambda n: Phong(n), {"n": (1.0, 1000.0)}),
     ):
         family = as_family(target, {}, None)
         assert dict(family.ranges) == expected
@@ -135,7 +137,7 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
 @pytest.mark.parametrize(
     ("target", "options", "error", "message"),
     [
-        ("fong", {}, KeyError, "phong"),
+        ("fong", {}, ValueError, "unknown BRDF 'fong'; did you mean phong"),
         ("phong", {"m": (0.1, 1.0)}, ValueError, "phong has no parameter 'm'; its parameters: n"),
         ("phong", {"n": (5.0, 1.0)}, ValueError, "the range of n is empty: 5 > 1"),
         ("phong", {"n": (1.0, np.nan)}, ValueError, "must be finite"),
@@ -155,10 +157,9 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
         ("phong", {"effort": None}, ValueError, "effort must be one of"),
         (Phong(3.0), {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; its parameters: n"),
         (Phong(3.0), {"n": (-1.0, 2.0)}, ValueError, "n must be >= 0; got -1"),
-        (Phong, {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; it takes n"),
+        (Phong, {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; its parameters: n"),
         (Phong, {"n": (-1.0, 2.0)}, ValueError, "n must be a finite number >= 0"),
-        (Lambert, {}, ValueError, "Lambert takes reflectance: give the ranges"),
-        (lambda gloss: Phong(gloss), {}, ValueError, "takes gloss: give the ranges"),
+        (lambda n: Phong(n), {}, ValueError, "the parameter n must be given a range"),
         (3.0, {}, TypeError, "must be callable"),
         (None, {}, TypeError, "got NoneType"),
     ],
@@ -429,3 +430,43 @@ def test_an_anisotropic_function_is_turned() -> None:
     assert report.albedo == pytest.approx(0.9, abs=1e-6)
     assert np.cos(report.azimuth - 0.8) == pytest.approx(1, abs=1e-4)
     assert report.cos_theta < 0.01
+
+
+# --- one door ---
+
+
+def test_python_and_the_command_line_take_the_same_things(tmp_path, capsys) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "def glossy(wi, wo, n=5, ks=1):\n    return 0.05 * ks * n + 0 * wi[..., 2]\n\n\n"
+        "def needs(wi, wo, n):\n    return 0 * wi[..., 2]\n\n\n"
+        "def picky(n):\n    if n > 5:\n        raise RuntimeError('too large')\n    return glossy\n"
+    )
+    module: dict[str, Any] = {}
+    exec(file.read_text(), module)
+    spec = f"{file}:glossy"
+    for target in (module["glossy"], spec, brdfcheck.load(spec, n=(1, 4)), brdfcheck.load(module["glossy"], n=(1, 4))):
+        report = check(target, n=(1, 3), effort="quick")
+        assert report.albedo == pytest.approx(0.15 * np.pi, abs=1e-9)
+        assert report.ranges == {"n": (1, 3)}
+    held = check(spec, n=(1, 3), ks=(2, 2), effort="quick")
+    assert held.parameters == {"n": pytest.approx(3), "ks": 2}
+    assert held.ranges == {"n": (1, 3), "ks": (2, 2)}
+    for name, ranges, options, words in (
+        ("needs", {}, [], "the parameter n must be given a range"),
+        ("glossy", {"m": (0, 1)}, ["--over", "m=0:1"], "has no parameter 'm'; its parameters: n, ks"),
+        ("absent", {}, [], "has no object 'absent'"),
+    ):
+        with pytest.raises(ValueError, match=words) as python:
+            check(f"{file}:{name}", **ranges)
+        assert cli.run(["check", f"{file}:{name}", *options]) == 4
+        assert str(python.value) in capsys.readouterr().err
+        if name in module:
+            with pytest.raises(ValueError, match=words) as same:
+                check(module[name], **ranges)
+            assert str(same.value).removeprefix(name) == str(python.value).removeprefix(f"{file}:{name}")
+    broken = check(f"{file}:picky", n=(1, 10))
+    assert broken.findings == ("picky(n=10) raised RuntimeError: too large",)
+    assert check(module["picky"], n=(1, 10)).findings == broken.findings
+    with pytest.raises(ValueError, match=r"the range of n must be two numbers \(LO, HI\); got 3"):
+        check(module["glossy"], n=3)

@@ -14,6 +14,7 @@ from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PerCosin
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.messages import UnknownName
 
 _POWERS = {"n": (1.0, 1000.0)}
 _UP_TO_89_DEGREES = (float(np.cos(np.radians(89))), 1.0)
@@ -203,7 +204,7 @@ def entry(name: str) -> Entry:
     except KeyError:
         near = difflib.get_close_matches(name, names(), n=3, cutoff=0.4)
         hint = f"did you mean {', '.join(near)}?" if near else f"known names: {', '.join(names())}"
-        raise KeyError(f"unknown BRDF {name!r}; {hint}") from None
+        raise UnknownName(f"unknown BRDF {name!r}; {hint}") from None
 
 
 @functools.cache

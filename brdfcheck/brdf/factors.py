@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import Any, final
+from typing import Any, TypeGuard, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, as_parameter
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, as_parameter
+from brdfcheck.messages import UsageError
 
 _TINY = 1e-18
 
@@ -188,3 +190,49 @@ def peel(brdf: Any) -> tuple[Any, Callable[[Any], Any]]:
         core, inner = peel(brdf.base)
         return core, lambda mu: inner(mu) / mu
     return brdf, lambda mu: 1.0
+
+
+def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
+    """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
+    if not isinstance(brdf, AbstractBRDF):
+        return False
+    return isinstance(peel(brdf)[0], (AbstractZonalLobe, AbstractMicrofacetLobe))
+
+
+def refuse_batched(brdf: Any) -> None:
+    """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
+    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
+    factor = getattr(brdf, "factor", None)
+    numbers = [getattr(core, "n", None), getattr(core, "alpha", None), getattr(factor, "A", None), getattr(factor, "B", None)]
+    shapes = [number.shape for number in numbers if number is not None and getattr(number, "ndim", 0)]
+    if shapes:
+        raise ValueError(
+            f"this lobe holds a batch of parameters of shape {shapes[0]}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
+            " or albedo_table"
+        )
+
+
+def varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., AbstractBRDF]:
+    """One BRDF as a family: its parameters `names` replaced. ValueError where it has no such number."""
+
+    def owner(brdf: Any) -> Any:
+        return owner(brdf.lobe) if isinstance(brdf, Normalized) else owner(brdf.base) if isinstance(brdf, PerCosine) else brdf
+
+    core = owner(brdf)
+    for name in names:
+        if not isinstance(getattr(core, name, None), jax.Array):
+            known = [field for field in core.__dataclass_fields__ if isinstance(getattr(core, field), jax.Array)]
+            raise UsageError(f"{type(core).__name__} has no parameter {name!r}; its parameters: {', '.join(known) or 'none'}")
+
+    def build(**values: Any) -> AbstractBRDF:
+        # The lobe's own constructor would check the domain, but may not know all its fields by these names.
+        for name, value in values.items():
+            if not isinstance(value, Tracer):
+                if value < 0 or (name in ("m", "alpha") and value == 0):
+                    raise ValueError(f"{name} must be {'> 0' if name in ('m', 'alpha') else '>= 0'}; got {value:g}")
+                if name == "f0" and value > 1:
+                    raise ValueError(f"f0 must be >= 0 and <= 1; got {value:g}")
+        replaced = [jnp.asarray(values[name]) for name in names]
+        return eqx.tree_at(lambda tree: [getattr(owner(tree), name) for name in names], brdf, replaced)
+
+    return build

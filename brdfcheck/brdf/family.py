@@ -13,26 +13,34 @@ from typing import Any
 class Family:
     """``build(**parameters)`` gives a BRDF for parameters within `ranges` (closed intervals) and cosines within `cos_theta`.
 
-    Raises ValueError where a bound is not finite or an interval is empty.
+    `held`: parameters that `build` holds itself, so that reports can name them. Raises ValueError where a bound is not finite
+    or an interval is empty.
     """
 
     name: str
     build: Callable[..., Any]
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cos_theta: tuple[float, float] = (0.0, 1.0)
+    held: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, bounds in {**self.ranges, "cos_theta": self.cos_theta}.items():
-            try:
-                low, high = (float(bound) for bound in bounds)
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"the range of {name} must be two numbers (LO, HI); got {bounds!r}") from error
-            if not (math.isfinite(low) and math.isfinite(high)):
-                raise ValueError(f"the range of {name} must be finite; got {low:g}:{high:g}")
-            if low > high:
-                raise ValueError(f"the range of {name} is empty: {low:g} > {high:g}")
+            interval(name, bounds)
         if not 0 <= self.cos_theta[0] <= self.cos_theta[1] <= 1:
             raise ValueError(f"cos_theta must run within 0:1; got {self.cos_theta[0]:g}:{self.cos_theta[1]:g}")
+
+
+def interval(name: str, bounds: Any) -> tuple[float, float]:
+    """The range of a parameter as two numbers. ValueError where it is not that, not finite or empty."""
+    try:
+        low, high = (float(bound) for bound in bounds)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the range of {name} must be two numbers (LO, HI); got {bounds!r}") from error
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError(f"the range of {name} must be finite; got {low:g}:{high:g}")
+    if low > high:
+        raise ValueError(f"the range of {name} is empty: {low:g} > {high:g}")
+    return low, high
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,18 @@ a user's BRDF, once it has been found, is not: that is a finding about the BRDF,
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from brdfcheck.brdf.readers.python import is_file_spec, line_of, load_object, split_spec
 from brdfcheck.messages import UsageError, one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.family import Family
 
 Range = tuple[float, float]
 
@@ -23,16 +27,19 @@ _DIRECTIONS = frozenset(("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incomi
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
 
 
+# What a parameter runs over when a class of this package is given without ranges.
+_USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
+
+
 @dataclass(frozen=True)
 class Target:
-    """Something to check: a family, and what the command line knows about it.
+    """A family, and what is known of it beforehand.
 
-    `fixed`: parameters held at one value inside ``family.build``. `finding`: what already went wrong with it, in words.
-    `file`, `line`: where a user's BRDF is defined (None for the catalogue).
+    `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined (None where that is no
+    file named on a command line).
     """
 
     family: Any
-    fixed: Mapping[str, float] = field(default_factory=dict)
     finding: str | None = None
     file: str | None = None
     line: int | None = None
@@ -79,65 +86,113 @@ def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, f
         return False
 
 
-def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
-    """A user's object as a `Target`: a BRDF, a function f(wi, wo), perhaps with parameters, a class, or a factory.
+def as_target(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: Range | None = None) -> Target:
+    """Whatever somebody hands over as a `Target`: the one door, for Python and for the command line.
 
-    UsageError for parameters that have no range or do not exist, and where a lobe of this package refuses their values.
+    `value`: a catalogue name or ``file.py:object``, a `Family`, a BRDF, a function f(wi, wo), perhaps with parameters, a class
+    or a factory, whose parameters run over `ranges`; or a `Target`, which stays what it is. Raises UsageError (a ValueError)
+    for unknown names, for parameters that have no range or do not exist, and where a lobe of this package refuses their values;
+    TypeError for something that is not a BRDF.
     """
-    from brdfcheck.brdf.base import AbstractBRDF
+    ranges = {} if ranges is None else ranges
+    if isinstance(value, Target):
+        return value
+    if isinstance(value, str):
+        return resolve([value], ranges, cos_theta)[0]
+    from brdfcheck.brdf.callables import name_of
     from brdfcheck.brdf.family import Family
 
+    if isinstance(value, Family):
+        unknown = [name for name in ranges if name not in value.ranges]
+        if unknown:
+            raise UsageError(_no_parameter(value.name, unknown[0], value.ranges))
+        angles = value.cos_theta if cos_theta is None else cos_theta
+        return Target(dataclasses.replace(value, ranges={**value.ranges, **ranges}, cos_theta=angles))
+    if not callable(value):
+        raise TypeError(f"a BRDF must be callable, f(wi, wo), or a catalogue name; got {type(value).__name__}")
+    return family_of(value, name_of(value), ranges, cos_theta)
+
+
+def as_family(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: Range | None = None) -> Family:
+    """The family of `as_target`. Raises what it raises."""
+    return as_target(value, ranges, cos_theta).family
+
+
+def load(value: Any, *, cos_theta: Range | None = None, **ranges: Range) -> Family:
+    """Anything that `brdfcheck.check` takes as a `Family`: ``load("mine.py:glossy", n=(1, 100))``.
+
+    `cos_theta`: the cosines of incidence, by default 0 to 1; `ranges`: closed intervals of the parameters. Raises ValueError
+    for unknown names, bad ranges, and parameters that have none; TypeError for something that is not a BRDF.
+    """
+    return as_family(value, ranges, cos_theta)
+
+
+def _no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
+    return f"{name} has no parameter {parameter!r}; its parameters: {', '.join(known) or 'none'}"
+
+
+def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
+    """A callable, known as `spec`, as a `Target`. UsageError as for `as_target`."""
+    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.callables import constant
+    from brdfcheck.brdf.factors import refuse_batched, varied
+    from brdfcheck.brdf.family import Family, interval
+
+    cosines = (0.0, 1.0) if cos_theta is None else cos_theta
+    ranges = {name: interval(name, bounds) for name, bounds in ranges.items()}
+    file = split_spec(spec)[0] if is_file_spec(spec) else None
+    if isinstance(value, AbstractBRDF):
+        refuse_batched(value)
+        build = varied(value, tuple(ranges)) if ranges else constant(value)
+        family = Family(spec, build, ranges, cosines)
+        return Target(family, _refusal(family, user=True), file, line_of(value))
     signature = _signature(value)
+    if not ranges and inspect.isclass(value) and issubclass(value, AbstractBRDF):
+        ranges = {name: _USUAL_RANGES[name] for name in signature.required if name in _USUAL_RANGES}
     unknown = [name for name in ranges if name not in signature.names]
-    if isinstance(value, AbstractBRDF) and ranges:
-        kind = type(value).__name__
-        raise UsageError(f"{spec} is one {kind}, so {next(iter(ranges))} cannot run over a range; give its class or a factory")
     if unknown and not signature.open:
-        takes = ", ".join(name for name in signature.names if name not in _DIRECTIONS) or "no parameters"
-        raise UsageError(f"{spec} has no parameter {unknown[0]!r}; it takes {takes}")
+        raise UsageError(_no_parameter(spec, unknown[0], [name for name in signature.names if name not in _DIRECTIONS]))
     for name in signature.integers & set(ranges):
         low, high = ranges[name]
         if low != high or low != int(low):
             raise UsageError(f"{spec}: {name} is a whole number: give one, as in --over {name}=2; got {low:g}:{high:g}")
     # Where a whole number is meant it is passed as one: it may be a size, or choose a formula.
-    fixed = {
-        name: int(low)
-        for name, (low, high) in ranges.items()
-        if name in signature.integers | signature.whole and low == high == int(low)
+    held = {
+        name: int(ranges[name][0])
+        for name in ranges
+        if name in signature.integers | signature.whole and ranges[name][0] == ranges[name][1] == int(ranges[name][0])
     }
-    swept = {name: bounds for name, bounds in ranges.items() if name not in fixed}
+    swept = {name: bounds for name, bounds in ranges.items() if name not in held}
     missing = [name for name in signature.required if name not in ranges]
-    is_function = not inspect.isclass(value) and (
-        isinstance(value, AbstractBRDF) or (signature.open and not signature.names and not ranges)
-    )
+    is_function = not inspect.isclass(value) and signature.open and not signature.names and not ranges
     if not is_function and not inspect.isclass(value) and len(missing) >= 2:
         named_so = all(name.lower() in _DIRECTIONS for name in missing[:2])
         if len(missing) == 2 and not set(missing) & _PARAMETERS:
             middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
-            is_function = named_so or not _returns_a_function(value, {**middle, **fixed})
+            is_function = named_so or not _returns_a_function(value, {**middle, **held})
         elif named_so:
             missing = missing[2:]
     if not is_function and missing:
         plural = "parameters" if len(missing) > 1 else "parameter"
         example = " ".join(f"--over {name}=LO:HI" for name in missing)
-        raise UsageError(f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}")
+        python = ", ".join(f"{name}=(LO, HI)" for name in missing)
+        raise UsageError(f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}")
 
-    build = _builder(value, fixed, is_function=is_function, bound=bool(ranges))
+    build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
-    file = split_spec(spec)[0]
-    family = Family(spec, build, swept, (0.0, 1.0) if cos_theta is None else cos_theta)
-    return Target(family, fixed, _refusal(family, fixed, user=True), file, line_of(value))
+    family = Family(spec, build, swept, cosines, held)
+    return Target(family, _refusal(family, user=True), file, line_of(value))
 
 
-def _builder(value: Callable[..., Any], fixed: Mapping[str, float], *, is_function: bool, bound: bool) -> Callable[..., Any]:
+def _builder(value: Callable[..., Any], held: Mapping[str, float], *, is_function: bool, bound: bool) -> Callable[..., Any]:
     """What makes a BRDF of swept parameters. `bound`: the parameters go to f(wi, wo, **parameters) itself."""
 
     def from_factory(**parameters: Any) -> Any:
-        return value(**parameters, **fixed)
+        return value(**parameters, **held)
 
     def from_function(**parameters: Any) -> Any:
         def brdf(wi: Any, wo: Any) -> Any:
-            return value(wi, wo, **parameters, **fixed)
+            return value(wi, wo, **parameters, **held)
 
         return brdf
 
@@ -149,7 +204,7 @@ def _builder(value: Callable[..., Any], fixed: Mapping[str, float], *, is_functi
     return from_function if bound else as_it_is
 
 
-def _refusal(family: Any, fixed: Mapping[str, float], *, user: bool) -> str | None:
+def _refusal(family: Family, *, user: bool) -> str | None:
     """UsageError where one of this package's classes refuses a corner of the box; the finding where a user's code raises."""
     from brdfcheck.brdf.family import refusal
 
@@ -157,7 +212,7 @@ def _refusal(family: Any, fixed: Mapping[str, float], *, user: bool) -> str | No
     if refused is None:
         return None
     error = refused.error
-    shown = ", ".join(f"{name}={value:g}" for name, value in {**refused.parameters, **fixed}.items())
+    shown = ", ".join(f"{name}={value:g}" for name, value in {**refused.parameters, **family.held}.items())
     if shown and isinstance(error, (TypeError, ValueError)) and (refused.ours or not user):
         raise UsageError(f"{family.name} at {shown}: {one_line(error)}") from None
     if not user:
@@ -170,14 +225,11 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
     from brdfcheck.brdf import catalog
     from brdfcheck.brdf.family import Family
 
-    try:
-        family = catalog.entry(name).family
-    except KeyError as error:
-        raise UsageError(error.args[0]) from None
+    family = catalog.entry(name).family
     known = {parameter: bounds for parameter, bounds in ranges.items() if parameter in family.ranges}
     family = Family(name, family.build, {**family.ranges, **known}, family.cos_theta if cos_theta is None else cos_theta)
     if known:
-        _refusal(family, {}, user=False)
+        _refusal(family, user=False)
     return Target(family)
 
 
@@ -208,8 +260,8 @@ def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range 
         targets[index] = family_of(value, spec, mine, cos_theta)
     for parameter in ranges:
         if not waiting and parameter not in known_ranges:
-            subject = names[0] if len(names) == 1 else "none of the BRDFs"
-            has = f"has a parameter {parameter!r}" if len(names) > 1 else f"has no parameter {parameter!r}"
-            allowed = ", ".join(sorted(known_ranges)) or "none"
-            raise UsageError(f"{subject} {has}; allowed with --over: {allowed}")
+            if len(names) == 1:
+                raise UsageError(_no_parameter(names[0], parameter, sorted(known_ranges)))
+            known = ", ".join(sorted(known_ranges)) or "none"
+            raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")
     return targets

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import os
 import sys
@@ -211,7 +210,7 @@ def _run_check(settings: _Settings, debug: bool) -> int:
                 output.line(records.github_error(title, console.message(report), **place))
     if settings.junit:
         messages = [console.message(report) for report in reports]
-        classes = ["brdfcheck.user" if target.file else "brdfcheck.brdf.catalog" for target in targets]
+        classes = ["brdfcheck.user" if target.file else "brdfcheck.catalog" for target in targets]
         text = records.to_junit(reports, messages, seconds=seconds, classnames=classes)
         save(settings.junit, text, "--junitxml")
     if settings.json:
@@ -291,58 +290,24 @@ def _evaluate(
 
 
 def _report(target: Target, settings: _Settings, debug: bool, say: Callable[[str], None]) -> Report:
-    """`check_family`; for a user's BRDF, whatever it raises becomes a finding. `say`: what to call with how far it is."""
-    from brdfcheck.verdict import check_family
-
-    family = target.family
+    """`check`; for a user's BRDF, whatever it raises becomes a finding. `say`: what to call with how far it is."""
+    from brdfcheck.verdict.check import check, unusable
 
     def watch(points: int, best: float) -> None:
         so_far = f", largest albedo so far {best:.6g}" if math.isfinite(best) else ""
-        say(f"{family.name}: {points} points{so_far}")
+        say(f"{target.family.name}: {points} points{so_far}")
 
     began = time.perf_counter()
-    if target.finding is not None:
-        report = _unusable(target, settings, target.finding, began)
-    else:
-        try:
-            report = check_family(family, tolerance=settings.tolerance, rtol=settings.rtol, effort=settings.effort, watch=watch)
-        except (Exception, SystemExit) as error:
-            if target.file is None:
-                raise
-            if debug:
-                traceback.print_exc()
-            text = f"cannot be evaluated: {type(error).__name__}: {one_line(error)}"
-            report = _unusable(target, settings, text, began)
-    if target.fixed:
-        report = dataclasses.replace(
-            report,
-            parameters={**target.fixed, **report.parameters},
-            ranges={**{name: (value, value) for name, value in target.fixed.items()}, **report.ranges},
-        )
-    return report
-
-
-def _unusable(target: Target, settings: _Settings, finding: str, began: float) -> Report:
-    from brdfcheck.verdict import Report, Verdict
-
-    return Report(
-        name=target.family.name,
-        verdict=Verdict.UNDECIDED,
-        albedo=math.nan,
-        error=math.nan,
-        parameters={},
-        cos_theta=math.nan,
-        azimuth=math.nan,
-        tolerance=settings.tolerance,
-        ranges=dict(target.family.ranges),
-        above=None,
-        side=None,
-        engine="none",
-        anisotropic=False,
-        evaluations=0,
-        seconds=time.perf_counter() - began,
-        findings=(finding,),
-    )
+    options: Any = {"tolerance": settings.tolerance, "effort": settings.effort}
+    try:
+        return check(target, rtol=settings.rtol, watch=watch, **options)
+    except (Exception, SystemExit) as error:
+        if target.file is None:
+            raise
+        if debug:
+            traceback.print_exc()
+        text = f"cannot be evaluated: {type(error).__name__}: {one_line(error)}"
+        return unusable(target.family, text, seconds=time.perf_counter() - began, **options)
 
 
 def _origin(target: Target) -> dict[str, Any]:

@@ -292,7 +292,7 @@ def _computed(
 
 
 def _job(compute: Callable[..., Curve], family: Any, target: Target, **options: Any) -> Callable[[], Curve]:
-    held = dict(target.fixed)
+    held = dict(target.family.held)
 
     def job() -> Curve:
         curve = compute(family, **options)

@@ -28,10 +28,11 @@ from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.exact_factors import exact_factor
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Normalized, PerCosine, Proportional, RationalFactor
 from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.subject import as_family
 from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, extrema, spread
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict import TOLERANCE, Report, Verdict, as_family, check_family
+from brdfcheck.verdict import TOLERANCE, Report, Verdict, check_family
 
 Objective = Literal["minimax", "least-squares", "reciprocal"]
 OBJECTIVES: tuple[Objective, ...] = ("minimax", "least-squares", "reciprocal")

@@ -11,12 +11,11 @@ from jaxtyping import Float
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe
-from brdfcheck.brdf.factors import AbstractFactor, Factor, Normalized, PerCosine
+from brdfcheck.brdf.factors import AbstractFactor, Factor, Normalized, PerCosine, peel
 from brdfcheck.brdf.family import Family
-from brdfcheck.quadrature.albedo import peel
+from brdfcheck.brdf.subject import as_family
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict import as_family
 
 
 @dataclass(frozen=True)

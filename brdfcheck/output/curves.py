@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf import catalog, factors
-from brdfcheck.brdf.factors import Normalized
+from brdfcheck.brdf.factors import Normalized, peel
 from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.subject import as_family
 from brdfcheck.fits.factor import RawAlbedo
 from brdfcheck.output.records import number
-from brdfcheck.quadrature.albedo import peel
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
-from brdfcheck.verdict import TOLERANCE, as_family, judge
+from brdfcheck.verdict import TOLERANCE, judge
 from brdfcheck.verdict.supremum import Supremum, supremum
 
 Curve = dict[str, Any]

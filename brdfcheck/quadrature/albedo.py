@@ -15,7 +15,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, TypeGuard
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, Form
 from brdfcheck.brdf.callables import Evaluator, constant
-from brdfcheck.brdf.factors import peel as peel
+from brdfcheck.brdf.factors import has_engine, peel, refuse_batched
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.half_vector import HalfVectorOrder, half_vector_albedo
@@ -83,13 +83,6 @@ def _half_vector_orders(digits: float, sharp: bool) -> tuple[HalfVectorOrder, Ha
         for part in (1.0, 0.86)
     )
     return fine, coarse
-
-
-def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
-    """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
-    if not isinstance(brdf, AbstractBRDF):
-        return False
-    return isinstance(peel(brdf)[0], (AbstractZonalLobe, AbstractMicrofacetLobe))
 
 
 def one(core: AbstractBRDF, mu: Array, rtol: float | None) -> tuple[Array, Array, int]:
@@ -363,16 +356,3 @@ def _of_one_type(brdf: Any, mu: Array) -> tuple[Any, Array]:
     leaves = [leaf.dtype for leaf in jax.tree.leaves(brdf) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     dtype = np.result_type(mu.dtype, *leaves)
     return jax.tree.map(lambda leaf: leaf.astype(dtype), brdf), mu.astype(dtype)
-
-
-def refuse_batched(brdf: Any) -> None:
-    """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
-    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
-    factor = getattr(brdf, "factor", None)
-    numbers = [getattr(core, "n", None), getattr(core, "alpha", None), getattr(factor, "A", None), getattr(factor, "B", None)]
-    shapes = [number.shape for number in numbers if number is not None and getattr(number, "ndim", 0)]
-    if shapes:
-        raise ValueError(
-            f"this lobe holds a batch of parameters of shape {shapes[0]}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
-            " or albedo_table"
-        )

@@ -19,8 +19,9 @@ import numpy as np
 
 from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side
+from brdfcheck.brdf.factors import has_engine, peel
 from brdfcheck.brdf.family import Family
-from brdfcheck.quadrature.albedo import Albedo, adaptive_albedo, has_engine, paired_lobes, peel
+from brdfcheck.quadrature.albedo import Albedo, adaptive_albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.limit import grazing_limit

@@ -31,6 +31,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe, TruncatedPowers
+from brdfcheck.brdf.factors import has_engine, peel
 from brdfcheck.cores import available_cores
 from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature.albedo import Albedo
@@ -167,10 +168,10 @@ def _shared_nodes(
     brdf_of_n: Callable[[Array], Any], plan: _Plan | _PowerPlan, n: Array, blocks: tuple[int, ...], mu: Array
 ) -> tuple[Array, Array]:
     wrapped = brdf_of_n(n[0])
-    core, _ = directional.peel(wrapped)
+    core, _ = peel(wrapped)
 
     def core_of_n(value: Array) -> Any:
-        return directional.peel(brdf_of_n(value))[0]
+        return peel(brdf_of_n(value))[0]
 
     values, errors = [], []
     for start, end in zip((0, *blocks), (*blocks, n.size), strict=True):
@@ -180,7 +181,7 @@ def _shared_nodes(
         else:
             value, relative = _block(core_of_n, plan, part, mu)
         if core is not wrapped:  # the factors around the lobe
-            value = value * jax.vmap(lambda value: directional.peel(brdf_of_n(value))[1](mu) * jnp.ones_like(mu))(part)
+            value = value * jax.vmap(lambda value: peel(brdf_of_n(value))[1](mu) * jnp.ones_like(mu))(part)
         amplitude = jax.vmap(lambda value: core_of_n(value).amplitude())(part)
         if amplitude.ndim > 1:
             value, relative = value[..., None] * amplitude[:, None, :], relative[..., None]
@@ -195,12 +196,12 @@ def _shared_nodes(
 
 @eqx.filter_jit
 def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float | None) -> tuple[Array, Array, int]:
-    batch = directional.batch_size(directional.peel(brdf_of_n(n[0]))[0])
+    batch = directional.batch_size(peel(brdf_of_n(n[0]))[0])
     count = 0
 
     def cell(index: Array) -> tuple[Array, Array]:
         nonlocal count
-        core, scale = directional.peel(brdf_of_n(n[index // mu.size]))
+        core, scale = peel(brdf_of_n(n[index // mu.size]))
         cosine = mu[index % mu.size]
         value, error, count = directional.one(core, cosine, rtol)
         return value * scale(cosine), error * jnp.abs(scale(cosine))
@@ -283,11 +284,11 @@ def profile_evaluations(brdf_of_n: Callable[..., Any], n: Float[ArrayLike, " n"]
     """
     rising = np.sort(_checked_exponents(n))
     shape, powers = _structure(brdf_of_n, np.dtype(dtype))
-    plan = None if shape is None else _plan(directional.peel(shape)[0], powers, np.dtype(dtype))
+    plan = None if shape is None else _plan(peel(shape)[0], powers, np.dtype(dtype))
     if plan is None or rising[0] < 1:
         return 0, "cell"
     if isinstance(plan, _PowerPlan):
-        panels = 2 if directional.peel(shape)[0].form == "half" else 1
+        panels = 2 if peel(shape)[0].form == "half" else 1
         total = 0
         for order in (plan.fine, plan.coarse):
             points = order.intervals + 1
@@ -348,7 +349,7 @@ def albedo_table(
         count = np.sum([row.evaluations for row in rows])
         value, error = (np.stack([np.asarray(getattr(row, part)) for row in rows]) for part in ("value", "error"))
         return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
-    core = directional.peel(shape)[0]
+    core = peel(shape)[0]
     engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
     plan = _plan(core, powers, mu.dtype)
     order = np.argsort(exponents, kind="stable")
@@ -389,8 +390,8 @@ def _known_structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[An
         shape = eqx.filter_eval_shape(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
     except Exception:  # needs numbers, not tracers: the rows one by one
         return None, None
-    if not directional.has_engine(shape):
+    if not has_engine(shape):
         return None, None
-    core = directional.peel(shape)[0]
+    core = peel(shape)[0]
     zonal = isinstance(core, AbstractZonalLobe)
     return shape, eqx.filter_eval_shape(lambda lobe: lobe.truncated_powers(), core) if zonal else None

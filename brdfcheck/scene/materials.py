@@ -160,7 +160,7 @@ class Surface(AbstractMaterial):
 
 @functools.cache
 def _report(name: str) -> Report:
-    with double_precision():
+    with double_precision(), jax.ensure_compile_time_eval():  # the program that builds a material may be traced
         return check(name, intervals=False)
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfcheck.messages import UnknownName
 from brdfcheck.scene.cameras import checked_size
 from brdfcheck.scene.canvas import QUALITIES, Canvas, Image
 from brdfcheck.scene.lobes_and_lights import glass, lights, lobes, polygon_light
@@ -40,7 +41,7 @@ def named(name: str) -> Preset:
         return PRESETS[name]
     near = difflib.get_close_matches(name, PRESETS, n=2, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"the presets are {', '.join(PRESETS)}"
-    raise KeyError(f"unknown preset {name!r}; {hint}")
+    raise UnknownName(f"unknown preset {name!r}; {hint}")
 
 
 def render_preset(

@@ -11,8 +11,9 @@ import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.factors import peel
 from brdfcheck.messages import one_line
-from brdfcheck.quadrature.albedo import one, peel
+from brdfcheck.quadrature.albedo import one
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
 from brdfcheck.sweep.subjects import of_type

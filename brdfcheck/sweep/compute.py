@@ -21,8 +21,9 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.factors import peel
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.quadrature.albedo import adaptive_albedo, batch_size, batched, peel
+from brdfcheck.quadrature.albedo import adaptive_albedo, batch_size, batched
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.cells import CELL, dtype_of, evaluator, of_cell

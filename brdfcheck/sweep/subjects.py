@@ -21,11 +21,10 @@ import numpy as np
 
 from brdfcheck.brdf import catalog, lobes, microfacet
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.factors import Normalized, PerCosine
+from brdfcheck.brdf.factors import Normalized, PerCosine, has_engine, peel
 from brdfcheck.brdf.readers.python import is_file_spec, load_object, split_spec
 from brdfcheck.brdf.subject import family_of
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.quadrature.albedo import has_engine, peel
 from brdfcheck.runtime import double_precision
 
 CLASSES: Mapping[str, Callable[..., Any]] = {
@@ -188,11 +187,11 @@ def _from_user(source: Source, static: Mapping[str, Any], ranges: Mapping[str, t
     except UsageError as error:
         text = str(error).split(": --over")[0].replace("must be given a range", "must be an axis or a held value")
         raise UsageError(text.replace("has no parameter", "unknown axis: it has no parameter")) from None
-    family, fixed = target.family, target.fixed
+    family, held = target.family, target.family.held
 
     def build(**given: Any) -> Any:
         # What `family_of` holds itself (a range of no length) is not passed again.
-        return family.build(**{name: value for name, value in given.items() if name not in fixed})
+        return family.build(**{name: value for name, value in given.items() if name not in held})
 
     build.__name__ = family.build.__name__
     return build

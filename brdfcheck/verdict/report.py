@@ -40,21 +40,21 @@ class Report:
 
     name: str
     verdict: Verdict
-    albedo: float
-    error: float
-    parameters: Mapping[str, float]
-    cos_theta: float
-    azimuth: float
-    tolerance: float
     ranges: Mapping[str, tuple[float, float]]
-    above: tuple[tuple[float, float], ...] | None
-    side: SideChecks | None
-    engine: str
-    anisotropic: bool
-    evaluations: int
-    seconds: float
-    findings: tuple[str, ...] = field(default=())
-    notes: tuple[str, ...] = field(default=())
+    tolerance: float = TOLERANCE
+    albedo: float = np.nan
+    error: float = np.nan
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    cos_theta: float = np.nan
+    azimuth: float = np.nan
+    above: tuple[tuple[float, float], ...] | None = None
+    side: SideChecks | None = None
+    engine: str = "none"
+    anisotropic: bool = False
+    evaluations: int = 0
+    seconds: float = 0.0
+    findings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     basis: str = "none"
     points: int = 0
     climbs: int = 0

@@ -49,6 +49,8 @@ def load_module(path_text: str) -> ModuleType:
             raise UsageError(f"there is no file {path_text!r}")
         path = path.resolve()
         path.read_bytes()
+    except UsageError:
+        raise
     except (OSError, ValueError) as error:
         raise UsageError(f"cannot read {path_text!r}: {getattr(error, 'strerror', None) or one_line(error)}") from None
     name = f"_brdfcheck_user_{next(_count)}_{path.stem}"
@@ -151,6 +153,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
 
 
 def line_of(value: Any) -> int | None:
+    """The line at which the source of something begins; None where that is not known."""
     try:
         return inspect.getsourcelines(value)[1] or None
     except (OSError, TypeError):
