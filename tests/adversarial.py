@@ -104,12 +104,14 @@ def case(kind: str, key: tuple[int, ...], numpy: bool = False) -> Case:
 
 def cases(count: int, seed: int) -> list[Case]:
     """`count` cases of all kinds in turn, one in five written with numpy."""
-    found = []
-    for index in range(count):
-        kind = kinds()[index % len(_KINDS)]
-        numpy = not _KINDS[kind].classes and np.random.default_rng([seed, index]).random() < 0.2
-        found.append(case(kind, (seed, index), numpy))
-    return found
+    return [drawn(seed, index) for index in range(count)]
+
+
+def drawn(seed: int, index: int) -> Case:
+    """The case of that number among those of a seed."""
+    kind = kinds()[index % len(_KINDS)]
+    numpy = not _KINDS[kind].classes and np.random.default_rng([seed, index]).random() < 0.2
+    return case(kind, (seed, index), numpy)
 
 
 def twins(count: int, seed: int) -> list[tuple[Case, Case]]:

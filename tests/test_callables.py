@@ -228,13 +228,22 @@ def random_values(wi, wo, random=np.random.default_rng(1)):  # noqa: B008 - one 
         (normalised_by_the_batch, "other values than one by one"),
         (lambda wi, wo: np.asarray(normalised_by_the_batch(np.array(wi), np.array(wo))), "other values than one by one"),
         (of_the_order, "other values than one by one"),
-        (random_values, "random, or keeps state"),
     ],
 )
 def test_a_batch_that_is_not_its_directions_is_told(function, message):
     trouble = Evaluator(lambda: function, {}).disagreement({})
     assert trouble is not None
     assert re.search(message, trouble), trouble
+
+
+def random_while_traced(wi, wo):
+    return np.random.default_rng().uniform(0, 1, len(wo)) + 0 * wo[..., 2]
+
+
+@pytest.mark.parametrize("function", [random_values, random_while_traced])
+def test_what_is_random_is_told(function):
+    with pytest.raises(Finding, match="random, or keeps state"):
+        Evaluator(lambda: function, {}).disagreement({})
 
 
 @pytest.mark.parametrize("build", [traceable, wants_a_number, plain_numpy])

@@ -470,3 +470,55 @@ def test_python_and_the_command_line_take_the_same_things(tmp_path, capsys) -> N
     assert check(module["picky"], n=(1, 10)).findings == broken.findings
     with pytest.raises(ValueError, match=r"the range of n must be two numbers \(LO, HI\); got 3"):
         check(module["glossy"], n=3)
+
+
+# --- what a report says ---
+
+
+def test_the_end_of_an_interval_of_a_brdf_with_a_jump() -> None:
+    def cap(a):
+        return lambda wi, wo: 1.2 / np.pi * (wo[..., 2] > a) + 0 * wi[..., 2]
+
+    report = check(cap, a=(0, 1), effort="quick")
+    assert report.above == ((0.0, pytest.approx(np.sqrt(1 / 6), abs=1e-4)),)  # the albedo is 1.2 (1 - a^2)
+
+
+def test_parameters_may_have_the_names_of_angles() -> None:
+    def family(angle, cell):
+        return lambda wi, wo: (0.1 + 0.1 * angle + 0.1 * cell) / np.pi + 0 * wi[..., 2]
+
+    report = check(family, angle=(0, 1), cell=(0, 1), effort="quick")
+    assert set(report.width) == {"parameter angle", "parameter cell", "angle", "cell"}
+    assert re.search(r"% of the parameter angle, .* % of the parameter cell, .* deg of the angle or .* % of all", str(report))
+
+
+def test_what_decided_is_told_where_the_bar_contains_1() -> None:
+    report = Report("f", VIOLATES, {}, albedo=1.001, error=0.0036, least=1.00087, cos_theta=1.0)
+    assert "albedo 1.0010 +- 0.0036, at least 1.00087" in str(report)
+    for clear in (dataclasses.replace(report, error=1e-5), dataclasses.replace(report, verdict=UNDECIDED, least=0.9)):
+        assert "at least" not in str(clear)
+
+
+def test_a_function_that_is_random_has_no_verdict() -> None:
+    def noisy(a):
+        return lambda wi, wo: (0.5 + a * np.random.default_rng().random(wi.shape[0])) / np.pi
+
+    report = check(noisy, a=(0, 1.2))
+    assert report.verdict is UNDECIDED
+    (finding,) = report.findings
+    assert finding == "the same directions give other values at each call: it is random, or keeps state between calls"
+
+
+@pytest.mark.parametrize(
+    ("function", "finding"),
+    [
+        (lambda k: lambda wi, wo: sum(0.01 * wo[..., 2] for _ in range(k)), "passed as floats: use int"),
+        (lambda k: k / np.pi, "returned a number or an array, which is not a function"),
+        (lambda k: lambda wi, wo: [0.1, 0.2], "asarray makes one of a list|expected"),
+        (lambda k: lambda wi, wo: wo[..., 2] if wi[..., 2] > 0 else 0, "index the last axis"),
+    ],
+)
+def test_findings_say_what_to_do(function, finding) -> None:
+    (found,) = check(function, k=(1, 5)).findings
+    assert re.search(finding, found), found
+    assert "Tracer" not in found

@@ -119,11 +119,17 @@ class Evaluator:
         except Exception as error:
             if any(isinstance(value, Tracer) for value in parameters):
                 raise
-            shown = ", ".join(f"{key}={value:g}" for key, value in zip(self.names, parameters, strict=True))
-            raise Finding(f"{self._name}({shown}) raised {type(error).__name__}: {error}") from error
+            shown = self._shown(parameters) or "()"
+            raise Finding(f"{self._name}{shown} raised {type(error).__name__}: {error}{_hint(error)}") from error
         if not callable(brdf):
-            raise Finding(f"{self._name} returned {type(brdf).__name__}, which is not a function f(wi, wo)")
+            kind = "a number or an array" if hasattr(brdf, "dtype") else type(brdf).__name__
+            raise Finding(f"{self._name} returned {kind}, which is not a function f(wi, wo)")
         return brdf
+
+    def _shown(self, parameters: Any) -> str:
+        """The parameters of a call, for messages; nothing where there are none."""
+        values = ", ".join(f"{key}={float(value):g}" for key, value in zip(self.names, parameters, strict=True))
+        return f"({values})" if values else ""
 
     def _traced(self, count: int, middle: np.ndarray) -> Any:
         brdf = None if self.names else self._brdf(())
@@ -137,7 +143,9 @@ class Evaluator:
             direction = jax.ShapeDtypeStruct(wi.shape, np.float64)
             found = jax.eval_shape(values, parameters, direction, direction)
         if not hasattr(found, "shape"):
-            raise Finding(f"{self._name} returned {type(found).__name__}, not an array of numbers")
+            raise Finding(
+                f"{self._name} returned {type(found).__name__}, not an array of numbers (numpy.asarray makes one of a list)"
+            )
         return found
 
     def _called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
@@ -148,9 +156,9 @@ class Evaluator:
         except Finding:
             raise
         except Exception as error:
-            shape_trouble = isinstance(error, (IndexError, TypeError)) or "ambiguous" in str(error)
-            hint = f" ({_INDEXING}, and choose by where, not by if)" if shape_trouble else ""
-            raise Finding(f"{self._name} raised {type(error).__name__}: {error}{hint}") from error
+            raise Finding(
+                f"{self._name}{self._shown(parameters)} raised {type(error).__name__}: {error}{_hint(error)}"
+            ) from error
         try:
             return np.asarray(result)
         except Exception as error:
@@ -329,7 +337,10 @@ class Evaluator:
     # --- is a batch what its directions are one by one? ---
 
     def disagreement(self, parameters: Mapping[str, float]) -> str | None:
-        """What is wrong where a batch of directions is not what its directions are alone, in other orders and batches."""
+        """What is wrong where a batch of directions is not what its directions are alone, in other orders and batches.
+
+        Raises Finding where it is not even what it was before.
+        """
         place = np.array([float(parameters[name]) for name in self.names])
         wi, wo = _sample(24)
         bound = self.bind(parameters)
@@ -354,8 +365,10 @@ class Evaluator:
         turned = np.random.default_rng(3).permutation(len(wi))
         if not apart and not differs(together(turned), turned):
             return None
+        if not self.slow:  # what is drawn at random while JAX traces is a constant of the program: another one has others
+            self._compile()
         if differs(together(order), order):
-            return "the same directions give other values at each call: it is random, or keeps state between calls"
+            raise Finding("the same directions give other values at each call: it is random, or keeps state between calls")
         if not apart:
             return "the values depend on the order in which directions are given"
         return (
@@ -380,6 +393,16 @@ class Evaluator:
             return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
 
         return evaluate
+
+
+def _hint(error: Exception) -> str:
+    """What an error of a user's function most often comes from, in brackets; nothing where that is not known."""
+    text = str(error)
+    if "interpreted as an integer" in text:
+        return " (parameters are passed as floats: use int(k), or declare k: int and hold it at one value)"
+    if isinstance(error, IndexError) or "ambiguous" in text or ("indices" in text and isinstance(error, TypeError)):
+        return f" ({_INDEXING}, and choose by where, not by if)"
+    return ""
 
 
 def _in_rows(directions: np.ndarray) -> np.ndarray:

@@ -77,7 +77,7 @@ def _commands() -> str:
 def _usage_error(error: Any) -> int:
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "brdfcheck"
-    text = one_line(error.format_message()).rstrip(".")
+    text = one_line(error.format_message()).rstrip(".").replace("Value error, ", "")
     return _complain(f"{text} (see {path} --help)", ExitCode.USAGE_ERROR)
 
 

@@ -34,6 +34,8 @@ _LARGER, _LARGEST = 3, 0.02
 _CREST = 2e-3
 # In how many rounds the curvature must grow as stencils shrink, in differences above this, for a kink to be one.
 _KINK_ROUNDS, _SHARP = 3, 1e-6
+# Stencils so small that a smooth surface is flat across them.
+_SMALL = 1e-7
 
 
 @dataclass
@@ -135,7 +137,9 @@ def climb(
         # A small stencil over a jump is steep without end: it promises no more than some of its own differences.
         promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
         hidden = np.where(state.kinked[which], _CREST * np.maximum(np.abs(state.values[which]), 1), 0)
-        state.gaps[which] = np.maximum(promised + np.maximum(top - before, 0), hidden)
+        # A kink between the nodes of the smallest stencils is no higher than the surface falls across them.
+        sides = np.where(radius < _SMALL, np.max(np.where(model.pressed, 0, model.rises), axis=1), 0)
+        state.gaps[which] = np.maximum(promised + np.maximum(top - before, 0), np.maximum(hidden, sides))
         reached = np.maximum(goal * scale, 0.02 * state.errors[which])
         flat = model.spread <= np.maximum(_NOISE * state.errors[which], 4e-15 * scale)
         small_stencil = flat & (radius < _LARGEST) & (grown[which] < _LARGER)

@@ -27,6 +27,8 @@ _UNFINISHED, _TIGHTENED = 10, 25_000_000
 _REACH, _RULES = 3e-3, 12
 # How often a climb begins again where it was misled; an albedo that is known no better than this is not climbed from.
 _STALE, _ROUGH = 2, 1e-6
+# By how much an integral must miss its accuracy for the rule that it ended with to be blurred.
+_BLURRED = 3
 # How near (in the unit cube) a limit is to another one that speaks for it.
 _SAME = 2e-3
 # How far from its end the angle is looked at once more where a place lies there.
@@ -160,6 +162,8 @@ class Confirmation:
             rises, stale = fresh - value > blur and moved > _REACH, promised - (fresh - value) > blur
             if moved > _REACH and not rises:  # along a ridge that hardly rises, which may go on to the other end of the box
                 gap, done = max(gap, (fresh - value) / moved), True
+            if error > _BLURRED * rtol * max(1, abs(value)):  # slopes below the error of the rule are not seen
+                gap = max(gap, 2 * error)
             if stale:  # the rule of one place does not serve at the other
                 gap = max(gap, promised - (fresh - value))
             last = turn == _RULES - 1 or not (rises or (stale and turn < _STALE))

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 
 _ANGLES = 17
 _TURNS = 8
 _SWEEPS = 4
+# How near to its end by the quick rules an interval ends, and how accurate albedos and how many steps say where.
+_NEAR, _RTOL, _STEPS = 0.01, 1e-6, 7
 
 
 def intervals_above(albedo: PointwiseAlbedo, box: Box, peak: np.ndarray, threshold: float) -> tuple[tuple[float, float], ...]:
     """The intervals of the first axis of `box` on which some angle exceeds `threshold`; `peak`: a place where it does."""
     unit = np.unique(np.append(np.linspace(0, 1, 65), peak[0]))
-    exceeds = _ridge(albedo, box, unit, peak) > threshold
+    exceeds = _ridge(albedo, box, unit, peak)[0] > threshold
     exceeds[unit == peak[0]] = True
     crossings = np.flatnonzero(exceeds[1:] != exceeds[:-1])
     low, high = unit[crossings], unit[crossings + 1]
     for _ in range(9 if crossings.size else 0):
         trial = low[:, None] + (high - low)[:, None] * np.arange(1, 8) / 8
-        inside = (_ridge(albedo, box, trial.ravel(), peak) > threshold).reshape(trial.shape) == exceeds[crossings][:, None]
+        inside = (_ridge(albedo, box, trial.ravel(), peak)[0] > threshold).reshape(trial.shape) == exceeds[crossings][:, None]
         steps = np.where(inside.all(axis=1), 7, np.argmin(inside, axis=1))
         width = (high - low) / 8
         low, high = low + steps * width, low + (steps + 1) * width
-    edges = list((low + high) / 2)
+    edges = list(_accurate(albedo, box, (low + high) / 2, peak, threshold))
     if exceeds[0]:
         edges.insert(0, 0.0)
     if exceeds[-1]:
@@ -36,8 +38,36 @@ def intervals_above(albedo: PointwiseAlbedo, box: Box, peak: np.ndarray, thresho
     return tuple((float(a), float(b)) for a, b in zip(values[::2], values[1::2], strict=True))
 
 
-def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray) -> np.ndarray:
-    """The largest albedo over all angles at given values of the first axis, refined by shrinking sweeps."""
+def _accurate(albedo: PointwiseAlbedo, box: Box, edges: np.ndarray, peak: np.ndarray, threshold: float) -> np.ndarray:
+    """The ends by albedos with error bars: the quick rules are off by what a jump of the BRDF makes of them.
+
+    By false position (the Illinois variant) within `_NEAR` of the edges, at the angles that are the worst there.
+    """
+    if albedo.fast or not edges.size:
+        return edges
+    angles = _ridge(albedo, box, edges, peak)[1]
+
+    def excess(unit: np.ndarray) -> np.ndarray:
+        places = box.physical(np.concatenate([unit[:, None], angles], axis=1))
+        return albedo(places[0], np.maximum(places[1], GRAZING), places[2], rtol=_RTOL)[0] - threshold
+
+    low, high = np.clip(edges - _NEAR, 0, 1), np.clip(edges + _NEAR, 0, 1)
+    below, above = excess(low), excess(high)
+    told = np.isfinite(below) & np.isfinite(above) & (below * above < 0)
+    for _ in range(_STEPS if np.any(told) else 0):
+        with np.errstate(all="ignore"):
+            middle = np.where(told, (low * above - high * below) / (above - below), edges)
+        value = excess(middle)
+        left = value * above < 0
+        # Where the same end moves again, the value at the other one counts half.
+        below, above = np.where(left, value, below / 2), np.where(left, above / 2, value)
+        low, high = np.where(left, middle, low), np.where(left, high, middle)
+        edges = np.where(told, middle, edges)
+    return edges
+
+
+def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest albedo over all angles at given values of the first axis, refined by shrinking sweeps, and the angles."""
     rows = np.arange(len(unit))
     centre = np.tile(peak[1:], (len(unit), 1))
     axes = box.dimension - 1
@@ -64,7 +94,8 @@ def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray
         _estimated(albedo, box, np.concatenate([unit[:, None], angles], axis=1), albedo.levels - 1)
         for angles in (centre, np.tile(peak[1:], (len(unit), 1)))
     ]
-    return np.max(finest, axis=0)
+    best = np.argmax(finest, axis=0)
+    return np.max(finest, axis=0), np.where(best[:, None] == 0, centre, peak[1:])
 
 
 def _estimated(albedo: PointwiseAlbedo, box: Box, places: np.ndarray, level: int) -> np.ndarray:

@@ -6,15 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from brdfcheck.verdict.box import cosine_at
 from brdfcheck.verdict.surface import Surface
 
 SUSPICIOUS = 30.0
 """Values above this are examined for a pole."""
 # How much higher the surroundings are the nearer, and how often in fourteen decades; what is as large as this is infinite.
 _HIGHER, _OFTEN, _ENDLESS = 1.2, 6, 1e15
-# What is nearer to grazing than this (in the coordinate of the angle) is grazing, which has a limit of its own.
-_GRAZING = 1e-3
+# What is nearer to grazing than this (in the coordinate of the angle) is grazing, and where to look instead.
+_GRAZING, _BESIDE = 1e-3, 0.05
 
 
 def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: Callable[[], None]) -> np.ndarray | None:
@@ -23,11 +22,19 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
     A pole is higher the nearer one comes, over decades. `check` is called once a decade.
     """
     random = np.random.default_rng(4)
-    dimension = surface.box.dimension
+    dimension, angle = surface.box.dimension, surface.angle
+    # What grows towards grazing has a limit of its own: what else grows there does so in other light, too.
+    grazes = angle is not None and surface.grazes and bool(place[angle] < _GRAZING)
+    if grazes:
+        place = place.copy()
+        place[angle] = _BESIDE
+        value = float(surface.estimate(level, place[None])[0][0])
     tops, around = [], []
     for exponent in range(1, 15):
         offsets = random.uniform(-1, 1, (48 + 16 * dimension, dimension))
         offsets[: 4 * dimension] = np.concatenate([np.eye(dimension) * s for s in (1, -1, 0.5, -0.5)])
+        if grazes:
+            offsets[:, angle] = 0
         places = surface.box.kept(place + 10.0**-exponent * offsets)
         found, _ = surface.estimate(level, places)
         top = int(np.argmax(found))
@@ -41,7 +48,5 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
     # No end to it where the surroundings are smaller than the distance to the pole.
     if np.count_nonzero(rising) + np.count_nonzero(nearer) < _OFTEN:
         return None
-    if not (np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > _ENDLESS):
-        return None
-    _, mu, _ = surface.box.physical(place[None])
-    return None if mu[0] <= cosine_at(np.array(_GRAZING)) else place
+    found = np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > _ENDLESS
+    return place if found and not (angle is not None and surface.grazes and place[angle] < _GRAZING) else None

@@ -27,9 +27,9 @@ class Verdict(enum.Enum):
 class Report:
     """What `check` found out about a family of BRDFs. True where it passed: ``assert check(brdf)`` works.
 
-    `albedo` +- `error` is the largest directional albedo; `parameters`, `cos_theta`, `azimuth` (radians) say where.
-    `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`: reciprocity, minimum,
-    NaN/Inf (None where the BRDF could not be evaluated). `findings`: defects, in words; `notes`: remarks.
+    `albedo` +- `error` is the largest directional albedo, and `least` what it is at least; `parameters`, `cos_theta`, `azimuth`
+    (radians) say where. `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`:
+    reciprocity, minimum, NaN/Inf (None where the BRDF could not be evaluated). `findings`: defects, in words; `notes`: remarks.
 
     What the answer rests on: `basis` ("theorem" where the angle needed no search, else "search"), `points` looked at,
     `climbs` begun, `settled` (the last scan found nothing higher, and no climb was left unfinished that might yet cross 1), and
@@ -44,6 +44,7 @@ class Report:
     tolerance: float = TOLERANCE
     albedo: float = np.nan
     error: float = np.nan
+    least: float = np.nan
     parameters: Mapping[str, float] = field(default_factory=dict)
     cos_theta: float = np.nan
     azimuth: float = np.nan

@@ -190,7 +190,7 @@ class Scan:
         return box.kept(np.concatenate(moved))
 
     def _echoes(self, winner: np.ndarray) -> np.ndarray:
-        """The parameters of points that stand out from their neighbours, at the angles of the winner.
+        """Points that stand out from their neighbours, with the winner's angles, or all but one of its parameters.
 
         A narrow violation is met by few points, most of them at angles at which the albedo is lower throughout.
         """
@@ -218,12 +218,21 @@ class Scan:
         usual = np.empty(len(order))
         usual[order] = uniform_filter1d(values[order], 2 * window + 1, mode="nearest")
         high = values - usual
-        chosen = np.unique(np.concatenate([np.argsort(-excess)[:_ECHOES], np.argsort(-high)[: _ECHOES // 2]]))
-        echoes = np.repeat(places[chosen][None], 2, axis=0)
-        echoes[:, :, angle] = winner[angle]
+        ranked = np.argsort(-excess)
+        chosen = np.unique(np.concatenate([ranked[:_ECHOES], np.argsort(-high)[: _ECHOES // 2]]))
+        echoes = [places[chosen]]
+        echoes[0][:, angle] = winner[angle]
         if box.turning:  # at their own azimuth, and at the winner's
-            echoes[1, :, -1] = winner[-1]
-        return echoes[: 2 if box.turning else 1].reshape(-1, dimension)
+            echoes.append(echoes[0].copy())
+            echoes[1][:, -1] = winner[-1]
+        # One parameter at a time with all else as for the winner, and with the point's own angle: what is narrow in both.
+        few = places[ranked[: _ECHOES // 2]]
+        for axis in range(swept if swept > 1 else 0):
+            for kept in ([axis], [axis, angle]):
+                crossed = np.tile(winner, (len(few), 1))
+                crossed[:, kept] = few[:, kept]
+                echoes.append(crossed)
+        return np.concatenate(echoes)
 
     def width(self, places: np.ndarray | None) -> dict[str, float]:
         """The widest region that scans may have missed: the largest gaps between points, axis by axis and in all.
@@ -244,7 +253,9 @@ class Scan:
                 gap = float(np.max(np.abs(low - high)))
             elif box.periodic[axis]:
                 gap *= 360.0
-            found[name] = gap
+            # A user's parameter may have the name of an angle.
+            own = axis < len(box.swept) and name in ("angle", "azimuth", "cell")
+            found[f"parameter {name}" if own else name] = gap
         if box.dimension > 1:
             found["cell"] = float(min(1.0, 2.5 * len(places) ** (-1 / box.dimension)))
         return found

@@ -119,7 +119,7 @@ class _Search:
         self.resolved: np.ndarray | None = None
 
     def tell(self) -> None:
-        self.surface.tell(max(self.winners.best, self.scan.best))
+        self.surface.tell(self.winners.least)
 
     def run(self) -> Supremum:
         surface, scan, winners = self.surface, self.scan, self.winners
@@ -143,7 +143,8 @@ class _Search:
         self.rest()
         self.confirm.finish()
         self.confirm.tighten()
-        surface.tell(winners.best)
+        self.confirm.finish()  # with more digits the winner may be another one, that was not climbed from
+        surface.tell(winners.least)
         return self.answer(settled)
 
     # --- climbs ---

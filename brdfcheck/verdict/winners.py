@@ -117,7 +117,18 @@ class Winners:
             away &= ~(near & (self.asked > self.asked[index]))
         away[self.top] = True
         close = self.values > self.best - _CLOSE * max(1, abs(self.best))
-        return np.where(self.finite, self.values + self.errors + np.where(away & close, self.gaps, 0), -np.inf)
+        return np.where(self.finite, self.values + self.errors + np.where(away & close, self._left(), 0), -np.inf)
+
+    def _left(self) -> np.ndarray:
+        """How much higher climbs might have gone: the gaps; for limits that none has led to, of climbs just before them."""
+        left = self.gaps.copy()
+        for index in np.flatnonzero(self.limits & ~self.climbed):
+            before = ~self.limits & (self.box.distance(self.places, self.places[index]) < _SAME)
+            here = self.find(self.places[index], False)
+            if here is not None and np.any(before & self.climbed):
+                rise = (self.values + self.gaps)[before & self.climbed] - self.values[here]
+                left[index] = max(left[index], float(np.max(rise)))
+        return left
 
     def open(self) -> np.ndarray:
         """Indices of places that may be higher than the winner because their climb was not finished; the highest first."""

@@ -31,7 +31,17 @@ def albedo_text(report: Report, plus_minus: str = "+-") -> str:
     if report.error > 0 and math.isfinite(report.error):
         digits = min(max(2 - math.ceil(math.log10(report.error)), 2), most)
     value = f"{report.albedo:.{digits}f}" if abs(report.albedo) < 1e6 else f"{report.albedo:.10g}"
-    return f"{value} {plus_minus} {report.error:.2g}"
+    text = f"{value} {plus_minus} {report.error:.2g}"
+    # The bar holds places that are not resolved, too; what decides is what is known of this one.
+    if report.verdict.name == "VIOLATES" and report.albedo - report.error <= 1 + report.tolerance < report.least:
+        text += f", at least {_above_one(report.least)}"
+    return text
+
+
+def _above_one(value: float) -> str:
+    """A number above 1 with as many digits as show that, rounded down."""
+    digits = min(max(1 - math.floor(math.log10(value - 1)), 2), 16)
+    return f"{math.floor(value * 10**digits + 1e-6) / 10**digits:.{digits}f}"
 
 
 def place_text(report: Report, degree: str = " deg") -> str:
@@ -117,10 +127,11 @@ def basis_text(report: Report) -> str:
 
 def width_text(width: Mapping[str, float]) -> str:
     """The widest region that a search may have missed: as a part of each range, or of all at once."""
-    parts = [
-        f"{value:.2g} deg of the {name}" if name in ("angle", "azimuth") else f"{100 * value:.2g} % of {name}"
-        for name, value in width.items()
-        if name != "cell"
-    ]
+    parts = []
+    for name, value in width.items():
+        if name in ("angle", "azimuth"):
+            parts.append(f"{value:.2g} deg of the {name}")
+        elif name != "cell":
+            parts.append(f"{100 * value:.2g} % of {'the ' if ' ' in name else ''}{name}")
     several = [f"{100 * width['cell']:.2g} % of all at once"] if "cell" in width else []
     return " or ".join([", ".join(parts), *several]) if parts else ""

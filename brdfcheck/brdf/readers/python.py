@@ -139,7 +139,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
     choices = f"it offers {', '.join(offers)}" if offers else "it defines no public callable"
     if not name:
         if len(offers) != 1:
-            raise UsageError(f"{spec}: say which object of the file is the BRDF, as in {path}:NAME; {choices}")
+            raise UsageError(f"{path}: say which object of the file is the BRDF, as in {path}:NAME; {choices}")
         name = offers[0]
     value: Any = module
     for part in name.split("."):
