@@ -1,19 +1,14 @@
-"""Precision, compilation cache and compiler options. Called by entry points (CLI, studies), never on import."""
+"""Precision and compilation cache. Called by entry points (CLI, studies), never on import."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib
 import os
 import warnings
 from pathlib import Path
-from typing import Any
 
 import jax
-
-# XLA's newer code for fusions takes half of the time that a program compiles.
-_QUICK: tuple[dict[str, Any], ...] = ({"xla_backend_optimization_level": 0}, {"xla_cpu_use_fusion_emitters": False})
 
 
 def use_x64() -> None:
@@ -60,18 +55,3 @@ def use_compilation_cache() -> None:
     # JAX skips programs that compile in under a second unless told otherwise; all of ours do.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-@functools.cache
-def quick_compiler_options() -> dict[str, Any] | None:
-    """`compiler_options` of `jax.jit` for a program that runs once: it compiles in a third of the time and runs slower.
-
-    Only those that this version of XLA knows for the default device. Such a program computes the same in other instructions, so
-    it says nothing of the last digits of the others.
-    """
-    options: dict[str, Any] = {}
-    for option in _QUICK:
-        with contextlib.suppress(RuntimeError):
-            jax.jit(lambda x: x + 1, compiler_options=option).lower(0.0).compile()
-            options |= option
-    return options or None

@@ -13,8 +13,7 @@ The matrix: 28 lobes about an axis at 12 exponents from 0.01 to 10^7 and 4 micro
 angles from 0 to 90 degrees, in float64 and float32. References: ball arithmetic, slope-space integrals and, for microfacets at
 90 degrees, the limit, in stability.csv beside this file: albedos to 1e-10 or better. `production` is `brdfcheck.albedo`; as
 an eager program, operation by operation, it is shown for Phong's lobe and GGX, and the adaptive rule for one lobe of each kind.
-The rules beside `production` are compiled quickly, so their last digits may be others. Rules of samples have a study of their
-own (stability_sampling), as have derivatives (stability_derivatives) and verdicts.
+Rules of samples have a study of their own (stability_sampling), as have derivatives (stability_derivatives) and verdicts.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ def run(size: str = "full") -> dict[str, Any]:
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
     names = [name for name in references if size == "full" or name in SMALL]
     # To 1e-3 it does not matter in which instructions float64 computes; in float32 it does: these are the ones of production.
-    jobs = [stability.Job("production", stability.production, name, "derivatives", "jit once", "jit") for name in names]
+    jobs = [stability.Job("production", stability.production, name, "derivatives") for name in names]
     jobs += stability.of_rules(
         SETTINGS if size == "full" else {"gauss-product": 32}, [name for name in OTHERS if name in names], "derivatives"
     )

@@ -68,6 +68,23 @@ def test_progress_counts_pictures():
     assert seen == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.parametrize("count", [4, 5])
+def test_no_validated_brdf_is_left_out_of_the_furnace(monkeypatch, count):
+    entries = [entry for entry in catalog.entries() if entry.validated][:count]
+    drawn = []
+
+    def furnace_pair(canvas, name, parameters):
+        drawn.append(name)
+        return [np.full((3, 9, 9), 0.1 + 0.1 * len(drawn), np.float32)] * 2
+
+    monkeypatch.setattr(white_furnace, "_furnace_pair", furnace_pair)
+    monkeypatch.setattr(white_furnace.catalog, "entries", lambda: entries)
+    sheet = white_furnace.furnace_validated(canvas.Canvas(9, 1))
+    assert drawn == [entry.name for entry in entries]
+    for number in range(1, count + 1):  # each is there, twice
+        assert np.count_nonzero(np.isclose(sheet[0], 0.1 + 0.1 * number)) >= 2 * 81, number
+
+
 # --- numbers behind the figures ---
 
 

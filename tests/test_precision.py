@@ -9,11 +9,8 @@ import warnings
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
 
-from brdfcheck import runtime
 from brdfcheck.runtime import cache_folder, use_compilation_cache
 
 _OPTIONS = (
@@ -86,18 +83,3 @@ def test_importing_the_package_leaves_single_precision_alone() -> None:
     environment["PYTHONPATH"] = str(Path(__file__).parent.parent)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_quick_programs_leave_out_options_that_this_xla_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = {"xla_backend_optimization_level": 0}
-    monkeypatch.setattr(runtime, "_QUICK", ({"xla_no_such_option": 1}, known))
-    runtime.quick_compiler_options.cache_clear()
-    assert runtime.quick_compiler_options() == known
-    monkeypatch.setattr(runtime, "_QUICK", ({"xla_no_such_option": 1},))
-    runtime.quick_compiler_options.cache_clear()
-    assert runtime.quick_compiler_options() is None
-    monkeypatch.undo()
-    runtime.quick_compiler_options.cache_clear()
-    x = jnp.linspace(0.1, 1, 7)
-    quick = jax.jit(lambda x: jnp.exp(jnp.sin(x)), compiler_options=runtime.quick_compiler_options())
-    np.testing.assert_allclose(quick(x), np.exp(np.sin(np.asarray(x))), rtol=1e-14)

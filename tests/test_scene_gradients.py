@@ -7,7 +7,6 @@ import pytest
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.microfacet import CookTorrance
-from brdfcheck.runtime import quick_compiler_options
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.lights import Distant
@@ -16,11 +15,6 @@ from brdfcheck.scene.meshes import icosphere
 from brdfcheck.scene.smooth import render_mesh
 from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.tracing import Sphere, trace
-
-
-def once(function):
-    """Compiled for one run."""
-    return jax.jit(function, compiler_options=quick_compiler_options())
 
 
 def image_sum(name, dtype, drawings):
@@ -50,7 +44,7 @@ def numbers(name, dtype):
 def both_modes(name, drawings):
     total, given = image_sum(name, jnp.float32, drawings), numbers(name, jnp.float32)
     along = tuple(jnp.asarray(part, jnp.float32) for part in (0.7, (0.3, -1, 0.4), (1, 0.2, -0.5)))
-    slopes, forward = once(lambda *given: (jax.grad(total, (0, 1, 2))(*given), jax.jvp(total, given, along)[1]))(*given)
+    slopes, forward = jax.jit(lambda *given: (jax.grad(total, (0, 1, 2))(*given), jax.jvp(total, given, along)[1]))(*given)
     parts = np.array([float(jnp.sum(slope * way)) for slope, way in zip(slopes, along, strict=True)])
     assert np.all(np.isfinite(np.concatenate([np.ravel(slope) for slope in slopes])))
     assert np.all(parts[1:] != 0)  # there is something to be seen
@@ -76,9 +70,9 @@ def test_reverse_mode_with_several_slopes():
         return jnp.sum(sphere_image(Surface(Term(lobe, 0.5)), [Distant((1.0, 1.0, 1.0))], size=(16, 16)))
 
     given = jnp.asarray([0.05, 0.6], jnp.float32)
-    slopes = once(jax.grad(total))(given)
+    slopes = jax.jit(jax.grad(total))(given)
     assert np.all(np.isfinite(slopes))
-    np.testing.assert_allclose(slopes, once(jax.jacfwd(total))(given), rtol=1e-4)
+    np.testing.assert_allclose(slopes, jax.jit(jax.jacfwd(total))(given), rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["phong", "cook-torrance", "beckmann-smith-correlated"])
@@ -100,7 +94,7 @@ def test_both_modes_through_the_furnace_in_float32(name):
     def albedo(value):
         return directional_albedo(catalog.exponent_family(name)(value), cosine)
 
-    backward, forward = once(lambda value: (jax.jacrev(albedo)(value), jax.jacfwd(albedo)(value)))(value)
+    backward, forward = jax.jit(lambda value: (jax.jacrev(albedo)(value), jax.jacfwd(albedo)(value)))(value)
     assert backward.dtype == jnp.float32
     assert np.all(np.isfinite(backward))
     np.testing.assert_allclose(backward, forward, rtol=1e-3, atol=1e-6)

@@ -177,8 +177,12 @@ def furnace_validated(canvas: Canvas) -> Image:
             values = {name: _USUAL[name] for name in entry.family.ranges}
             tiles.append(_furnace_pair(canvas, entry.name, values))
             labels.append(f"{entry.name}, {_numbers(values)}")
-    half = len(tiles) // 2
+    half = -(-len(tiles) // 2)
     columns = ("furnace", "excess")
-    sheets = [contact_sheet(tiles[part], columns=columns, labels=labels[part]) for part in (slice(half), slice(half, 2 * half))]
-    sheet = np.concatenate(sheets, axis=2)
+    left, right = (
+        contact_sheet(tiles[part], columns=columns, labels=labels[part]) for part in (slice(half), slice(half, None))
+    )
+    # Of an odd number the last row has one.
+    right = np.pad(right, ((0, 0), (0, left.shape[1] - right.shape[1]), (0, 0)), constant_values=1)
+    sheet = np.concatenate([left, right], axis=2)
     return stacked(sheet, color_scale(sheet.shape[2], _SCALE))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import enum
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -17,7 +16,6 @@ import numpy as np
 from _instruments.stability.references import LOBES, Reference
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.rule import NOT_KNOWN, AbstractRule
-from brdfcheck.runtime import quick_compiler_options
 
 
 class Outcome(enum.IntEnum):
@@ -71,14 +69,13 @@ def of_rule(rule: AbstractRule, seed: int = 0) -> Method:
     return method
 
 
-Mode = Literal["jit", "jit once", "eager", "host"]
+Mode = Literal["jit", "eager", "host"]
 
 
 def run(method: Method, lobe: str, parameters: np.ndarray, cosines: np.ndarray, dtype: Any, *, mode: Mode = "jit") -> Result:
     """A method over a lobe's grid in one precision.
 
-    `mode`: "jit", one compiled program; "jit once", the same compiled quickly, for optimisation takes longer than it saves in
-    a program that runs once; "eager", operation by operation; "host", for rules that call programs of their own.
+    `mode`: "jit", one compiled program; "eager", operation by operation; "host", for rules that call programs of their own.
     """
     build = LOBES[lobe]
     mu = jnp.asarray(cosines, dtype)
@@ -88,8 +85,8 @@ def run(method: Method, lobe: str, parameters: np.ndarray, cosines: np.ndarray, 
         return method(jax.tree.map(lambda leaf: leaf.astype(dtype), build(parameter)), mu)
 
     values = jnp.asarray(parameters, dtype)
-    if mode.startswith("jit"):
-        found = _compiled(_over_rows, mode == "jit once")(row, values, mu)
+    if mode == "jit":
+        found = _over_rows(row, values, mu)
     else:
         with jax.disable_jit() if mode == "eager" else contextlib.nullcontext():
             rows = [row(one, mu) for one in values]
@@ -98,15 +95,9 @@ def run(method: Method, lobe: str, parameters: np.ndarray, cosines: np.ndarray, 
     return Result(np.asarray(value, float), np.asarray(claimed, float), np.asarray(known))
 
 
+@eqx.filter_jit
 def _over_rows(row: Callable[[Any, Any], tuple[Any, Any, Any]], values: Any, mu: Any) -> tuple[Any, Any, Any]:
     return jax.lax.map(lambda one: row(one, mu), values)
-
-
-@functools.cache
-def _compiled(function: Callable[..., Any], once: bool) -> Callable[..., Any]:
-    """A compiled function; `once`: quickly compiled."""
-    jit: Any = eqx.filter_jit  # its types do not know what it hands on to `jax.jit`
-    return jit(function, compiler_options=quick_compiler_options()) if once else jit(function)
 
 
 def outcomes(result: Result, reference: Reference, dtype: Any) -> np.ndarray:
@@ -147,20 +138,16 @@ class Gradients:
             return np.abs(self.automatic - self.exact) / np.maximum(np.abs(self.exact), np.abs(self.scale))
 
 
-def gradients_of(
-    reference: Reference, method: Method = production, dtype: Any = np.float64, *, mode: Mode = "jit"
-) -> dict[str, Gradients]:
-    """Both derivatives of a method over the grid of a reference, by what is varied: "n" (or the slope m) and "theta".
-
-    `mode`: "jit" or "jit once", as in `run`.
-    """
+def gradients_of(reference: Reference, method: Method = production, dtype: Any = np.float64) -> dict[str, Gradients]:
+    """Both derivatives of a method over the grid of a reference, by what is varied: "n" (or the slope m) and "theta"."""
     build = LOBES[reference.lobe]
 
     def one(parameter: Any, mu: Any) -> Any:
         return method(jax.tree.map(lambda leaf: leaf.astype(dtype), build(parameter)), mu[None])[0][0]
 
-    rows = _compiled(_over_grid, mode == "jit once")
-    grid = rows(jax.grad(one, argnums=(0, 1)), jnp.asarray(reference.parameters, dtype), jnp.asarray(reference.cosines, dtype))
+    grid = _over_grid(
+        jax.grad(one, argnums=(0, 1)), jnp.asarray(reference.parameters, dtype), jnp.asarray(reference.cosines, dtype)
+    )
     by_parameter, by_cosine = (np.asarray(part, float) for part in grid)
     # Through cosines: in float32 the cosine of 90 degrees would be negative.
     sine = np.sqrt((1 - reference.cosines) * (1 + reference.cosines))
@@ -169,6 +156,7 @@ def gradients_of(
     return {by: Gradients(part, reference.slope(by, dtype), reference.albedo) for by, part in automatic.items()}
 
 
+@eqx.filter_jit
 def _over_grid(gradient: Callable[[Any, Any], tuple[Any, Any]], parameters: Any, cosines: Any) -> tuple[Any, Any]:
     return jax.lax.map(lambda a: jax.vmap(lambda b: gradient(a, b))(cosines), parameters)
 

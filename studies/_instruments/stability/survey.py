@@ -20,17 +20,13 @@ _PROGRAMS = 64
 
 @dataclass(frozen=True)
 class Job:
-    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives.
-
-    `single`: the mode in float32, where it is another than in float64.
-    """
+    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives."""
 
     name: str
     method: Method
     lobe: str
     of: Literal["values", "derivatives"] = "values"
     mode: Mode = "jit"
-    single: Mode | None = None
 
 
 def of_rules(settings: Mapping[str, float], lobes: Iterable[str], of: Literal["values", "derivatives"] = "values") -> list[Job]:
@@ -41,7 +37,7 @@ def of_rules(settings: Mapping[str, float], lobes: Iterable[str], of: Literal["v
     lobes, jobs = list(lobes), []
     for name, setting in settings.items():
         rule = RULES[name](setting)
-        mode: Mode = "host" if name == "adaptive" else "jit once"
+        mode: Mode = "host" if name == "adaptive" else "jit"
         at = 1.0 if name == "closed-form" else None  # of most lobes at normal incidence only
         if mode != "host" or of == "values":
             taken = [lobe for lobe in lobes if rule.takes(LOBES[lobe](1.0), at)]
@@ -70,12 +66,11 @@ def survey(jobs: Sequence[Job], references: Mapping[str, Reference]) -> list[dic
 def _cells(job: Job, reference: Reference) -> list[dict[str, Any]]:
     found = []
     for dtype in (np.float64, np.float32):
-        mode = (job.single or job.mode) if dtype is np.float32 else job.mode
         if job.of == "values":
-            got = run(job.method, job.lobe, reference.parameters, reference.cosines, dtype, mode=mode)
+            got = run(job.method, job.lobe, reference.parameters, reference.cosines, dtype, mode=job.mode)
             grids = {"value": outcomes(got, reference, dtype)}
         else:
-            slopes = gradients_of(reference, job.method, dtype, mode=mode)
+            slopes = gradients_of(reference, job.method, dtype)
             grids = {f"d/d{by}": gradient_outcomes(one, dtype) for by, one in slopes.items()}
         for of, grid in grids.items():
             rows = ["".join("-" if cell < 0 else str(cell) for cell in row) for row in grid]
