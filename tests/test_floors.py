@@ -12,7 +12,18 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "brdfcheck"
 
-GROUND = {"geometry", "messages", "numerics", "runtime", "operations", "cores", "interruption", "documents", "processes"}
+GROUND = {
+    "geometry",
+    "messages",
+    "numerics",
+    "runtime",
+    "operations",
+    "cores",
+    "interruption",
+    "documents",
+    "processes",
+    "names",
+}
 FLOORS = [
     GROUND,
     {"brdf"},

@@ -13,7 +13,7 @@ import pytest
 
 import brdfcheck
 
-PACKAGES = ("brdfcheck", "brdfcheck.quadrature", "brdfcheck.transport")
+PACKAGES = ("brdfcheck", "brdfcheck.brdf", "brdfcheck.quadrature", "brdfcheck.transport")
 NAMES = [(package, name) for package in PACKAGES for name in importlib.import_module(package).__all__]
 
 
@@ -35,6 +35,25 @@ def test_parameters_of_public_functions_are_named_or_typed():
         if inspect.isfunction(found):
             for parameter in inspect.signature(found).parameters.values():
                 assert parameter.annotation is not inspect.Parameter.empty, (package, name, parameter.name)
+
+
+def test_submodules_are_attributes_and_lobes_have_their_short_names():
+    code = """if True:
+        import brdfcheck
+        from brdfcheck.lobes import Phong
+        from brdfcheck.microfacet import GGX
+        assert brdfcheck.lobes.Phong(10).n == 10
+        assert brdfcheck.lobes.Phong is Phong is brdfcheck.Phong is brdfcheck.brdf.lobes.Phong
+        assert brdfcheck.microfacet.GGX is GGX
+        assert brdfcheck.catalog is brdfcheck.brdf.catalog
+        assert brdfcheck.verdict.check is brdfcheck.check
+        assert {"check", "load", "lobes", "Phong"} <= set(dir(brdfcheck)) & set(brdfcheck.__all__)
+        try:
+            brdfcheck.phong
+        except AttributeError as error:
+            assert str(error) == "module 'brdfcheck' has no attribute 'phong'"
+    """
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_importing_the_package_imports_no_jax():
