@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import brentq
 
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
@@ -10,8 +11,9 @@ from brdfcheck.verdict.box import Box
 _ANGLES = 17
 _TURNS = 8
 _SWEEPS = 4
-# How near to its end by the quick rules an interval ends, and how accurate albedos and how many steps say where.
-_NEAR, _RTOL, _STEPS = 0.01, 1e-6, 7
+# How near to its end by the quick rules an interval ends, and how accurately that is said where the albedo there, known to the
+# third of these, is off by the last.
+_NEAR, _WIDTH, _RTOL, _OFF = 0.01, 1e-6, 1e-7, 1e-5
 
 
 def intervals_above(albedo: PointwiseAlbedo, box: Box, peak: np.ndarray, threshold: float) -> tuple[tuple[float, float], ...]:
@@ -39,31 +41,24 @@ def intervals_above(albedo: PointwiseAlbedo, box: Box, peak: np.ndarray, thresho
 
 
 def _accurate(albedo: PointwiseAlbedo, box: Box, edges: np.ndarray, peak: np.ndarray, threshold: float) -> np.ndarray:
-    """The ends by albedos with error bars: the quick rules are off by what a jump of the BRDF makes of them.
+    """The ends by albedos with error bars, at the angles that are the worst there, where the quick rules were off.
 
-    By false position (the Illinois variant) within `_NEAR` of the edges, at the angles that are the worst there.
+    These are off by what a jump of the BRDF makes of them.
     """
     if albedo.fast or not edges.size:
         return edges
     angles = _ridge(albedo, box, edges, peak)[1]
+    found = edges.copy()
+    for index, (edge, angle) in enumerate(zip(edges, angles, strict=True)):
 
-    def excess(unit: np.ndarray) -> np.ndarray:
-        places = box.physical(np.concatenate([unit[:, None], angles], axis=1))
-        return albedo(places[0], np.maximum(places[1], GRAZING), places[2], rtol=_RTOL)[0] - threshold
+        def excess(unit: float, angle: np.ndarray = angle) -> float:
+            parameters, mu, azimuth = box.physical(np.append(unit, angle)[None])
+            return float(albedo(parameters, np.maximum(mu, GRAZING), azimuth, rtol=_RTOL)[0][0]) - threshold
 
-    low, high = np.clip(edges - _NEAR, 0, 1), np.clip(edges + _NEAR, 0, 1)
-    below, above = excess(low), excess(high)
-    told = np.isfinite(below) & np.isfinite(above) & (below * above < 0)
-    for _ in range(_STEPS if np.any(told) else 0):
-        with np.errstate(all="ignore"):
-            middle = np.where(told, (low * above - high * below) / (above - below), edges)
-        value = excess(middle)
-        left = value * above < 0
-        # Where the same end moves again, the value at the other one counts half.
-        below, above = np.where(left, value, below / 2), np.where(left, above / 2, value)
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
-        edges = np.where(told, middle, edges)
-    return edges
+        low, high = max(edge - _NEAR, 0.0), min(edge + _NEAR, 1.0)
+        if abs(excess(edge)) > _OFF and excess(low) * excess(high) < 0:
+            found[index] = brentq(excess, low, high, xtol=_WIDTH)
+    return found
 
 
 def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
