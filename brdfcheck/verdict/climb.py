@@ -51,6 +51,11 @@ class Climbs:
     mixed: np.ndarray  # second derivatives, (climbs, dimension, dimension)
     kinked: np.ndarray  # that the place lies on a kink, with other directions to go
 
+    @property
+    def known_gaps(self) -> np.ndarray:
+        """The gaps, 0 where no model has told any."""
+        return np.where(np.isfinite(self.gaps), self.gaps, 0)
+
     def taken(self, which: np.ndarray) -> Climbs:
         """Some of the climbs."""
         return Climbs(*(part[which] for part in vars(self).values()))

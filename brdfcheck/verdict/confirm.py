@@ -57,7 +57,7 @@ class Confirmation:
         if not len(ends.places):
             return
         ends.places[:] = self.surface.snapped(ends.places)
-        gaps = np.where(np.isfinite(ends.gaps), ends.gaps, 0)
+        gaps = ends.known_gaps
         if self.surface.fast:  # the rule of the climb is that of a verdict
             self._add(ends.places, ends.values, ends.errors, None, gaps=gaps, settled=ends.settled, climbed=True)
             return
@@ -155,7 +155,7 @@ class Confirmation:
             )
             end = np.insert(ends.places[0], angle, place[angle]) if held else ends.places[0]
             done = bool(ends.settled[0] or ends.radii[0] < 1e-8) and not ends.kinked[0]
-            gap = max(float(ends.gaps[0]) if np.isfinite(ends.gaps[0]) else 0.0, hidden)
+            gap = max(float(ends.known_gaps[0]), hidden)
             promised, moved = float(ends.values[0]) - start, float(surface.box.distance(end, place))
             fresh, bar, beside = surface.beside(end, rtol, limit=limit) if moved else (value, error, near)
             blur = error + bar + 1e-9 * max(1, abs(value))
@@ -199,7 +199,7 @@ class Confirmation:
             calm=1,
             check=self.check,
         )
-        gaps = np.where(np.isfinite(ends.gaps), ends.gaps, 0)
+        gaps = ends.known_gaps
         self._add(ends.places, ends.values, ends.errors, surface.rtol, gaps=gaps, settled=ends.settled, climbed=True)
 
     # --- at the end of a search ---

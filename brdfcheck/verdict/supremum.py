@@ -43,7 +43,7 @@ _CONFIRMED, _CONFIRMED_JUMPS = 16, 4
 # Parameters at which all decades towards grazing are looked at, besides the corners.
 _GRAZING_LIGHT = 64
 # By how much what is in doubt must exceed the best for the quick rules to count as blind.
-_BLIND = 1e-3
+_IN_DOUBT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ class _Search:
         self.scan.sharpen(winners.best)
         most = self.most
         left = self.doubtful()
-        blind = points.reach[left] > winners.best + _BLIND * max(1, abs(winners.best))
+        blind = points.reach[left] > winners.best + _IN_DOUBT * max(1, abs(winners.best))
         if surface.angle is not None:  # grazing light is no spot: it has its limits
             blind &= points.places[left, surface.angle] > GRAZES
         if np.count_nonzero(blind) > most:
