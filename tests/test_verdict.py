@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,6 +20,7 @@ from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check, check_family, judge
+from brdfcheck.verdict.checks import CHECKS, Check, Evidence
 
 CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
 
@@ -522,3 +525,26 @@ def test_findings_say_what_to_do(function, finding) -> None:
     (found,) = check(function, k=(1, 5)).findings
     assert re.search(finding, found), found
     assert "Tracer" not in found
+
+
+def test_a_new_check_is_a_row_and_is_shown_everywhere(monkeypatch, tmp_path, capsys) -> None:
+    def bright(evidence: Evidence) -> Check:
+        value = float(evidence.albedo(np.zeros((1, 0)), np.ones(1), np.zeros(1))[0][0])
+        return Check("bright", value, value > 0.9, f"dark: {value:.2g} at normal incidence")
+
+    monkeypatch.setitem(CHECKS, "bright", bright)
+    file = tmp_path / "mine.py"
+    file.write_text("def grey(wi, wo):\n    return 0.1 + 0 * wi[..., 2] * wo[..., 2]\n")
+    report = check(f"{file}:grey", effort="quick")
+    assert [(found.name, found.passed) for found in report.checks] == [
+        ("reciprocal", True), ("positive", True), ("finite", True), ("bright", False),
+    ]  # fmt: skip
+    assert report.findings == ("dark: 0.31 at normal incidence",)
+    assert not report
+    outputs = [str(tmp_path / name) for name in ("out.json", "out.xml")]
+    assert cli.run(["check", f"{file}:grey", "--effort", "quick", "--json", outputs[0], "--junitxml", outputs[1]]) == 1
+    written = capsys.readouterr()
+    shown = [written.out + written.err, *(Path(name).read_text() for name in outputs)]
+    assert all("dark: 0.31 at normal incidence" in text for text in shown)
+    (row,) = [row for row in json.loads(shown[1])["results"][0]["checks"] if row["name"] == "bright"]
+    assert row == {"name": "bright", "value": pytest.approx(np.pi / 10), "passed": False, "words": report.findings[0]}

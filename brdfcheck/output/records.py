@@ -79,6 +79,10 @@ def to_json_object(report: Report) -> dict[str, Any]:
                 for name, witness in (("unequal", side.unequal), ("lowest", side.lowest), ("broken", side.broken))
             },
         },
+        "checks": [
+            {"name": check.name, "value": number(check.value), "passed": check.passed, "words": check.words}
+            for check in report.checks
+        ],
         "engine": report.engine,
         "anisotropic": report.anisotropic,
         "evaluations": int(report.evaluations),
@@ -120,6 +124,7 @@ def _witness(record: Mapping[str, Any] | None) -> Witness | None:
 def from_json_object(record: Mapping[str, Any]) -> Report:
     """The report that `to_json_object` wrote. KeyError where a field is missing."""
     from brdfcheck.verdict import Report, Verdict
+    from brdfcheck.verdict.checks import Check
     from brdfcheck.verdict.side_checks import SideChecks
 
     side = record["side"]
@@ -145,6 +150,9 @@ def from_json_object(record: Mapping[str, Any]) -> Report:
             side["reciprocal"],
             side["positive"],
             *(_witness(side[name]) for name in ("unequal", "lowest", "broken")),
+        ),
+        checks=tuple(
+            Check(check["name"], float(check["value"]), check["passed"], check["words"]) for check in record.get("checks", ())
         ),
         engine=record["engine"],
         anisotropic=record["anisotropic"],

@@ -14,11 +14,12 @@ from brdfcheck.brdf.callables import Finding
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.verdict.checks import CHECKS, Check, Evidence
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict
 from brdfcheck.verdict.report import judge as judge
-from brdfcheck.verdict.side_checks import SideChecks, Witness, side_checks
+from brdfcheck.verdict.side_checks import SideChecks
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, supremum
 
 
@@ -84,7 +85,8 @@ def check_family(
     findings: list[str] = []
     notes: list[str] = []
     worst: Supremum | None = None
-    side: SideChecks | None = None
+    evidence: Evidence | None = None
+    checks: list[Check] = []
     albedo: PointwiseAlbedo | None = None
     try:
         albedo = PointwiseAlbedo(family)
@@ -95,11 +97,12 @@ def check_family(
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
-        side = side_checks(albedo, worst.parameters)
+        evidence = Evidence(albedo, worst.parameters)
+        checks = [made(evidence) for made in CHECKS.values()]
     except Finding as finding:
         findings.append(str(finding))
-    if side is not None:
-        findings += _defects(side, tuple(family.ranges))
+    findings += [found.words for found in checks if not found.passed]
+    side = evidence.side if evidence is not None and checks else None
     # Where no value of the BRDF is a number, that has been said.
     if worst is not None and np.isnan(worst.value) and not (side is not None and np.isnan(side.minimum)):
         findings.append("the albedo is not a number where the BRDF is not finite")
@@ -119,6 +122,7 @@ def check_family(
         worst,
         side,
         albedo,
+        checks=tuple(checks),
         findings=tuple(findings),
         notes=tuple(notes),
         tolerance=tolerance,
@@ -181,28 +185,3 @@ def _batches(albedo: PointwiseAlbedo) -> list[str]:
     if not evaluator.evaluated_alone():
         raise Finding(trouble)
     return [f"{trouble}. The albedo is that of directions taken one by one"]
-
-
-def _defects(side: SideChecks, names: tuple[str, ...]) -> list[str]:
-    """The side checks that failed, in words, each with the place where it shows."""
-    found = []
-    if not side.reciprocal:
-        text = f"not reciprocal: f(wi, wo) and f(wo, wi) differ by {side.reciprocity:.2g} of the larger"
-        if side.unequal is not None:
-            text += f": {side.unequal.value:.6g} and {side.unequal.swapped:.6g} / sr {_where(side.unequal, names)}"
-        found.append(text)
-    if not side.positive:
-        found.append(f"negative: the smallest value seen is {side.minimum:.3g} / sr{_where(side.lowest, names, ' ')}")
-    if side.nonfinite:
-        what = "NaN everywhere" if np.isnan(side.minimum) else f"{side.nonfinite} of {side.pairs} values are NaN or Inf"
-        kind = " " if np.isnan(side.minimum) else f", {side.broken.value} " if side.broken is not None else ""
-        found.append(f"not finite: {what}{kind}{_where(side.broken, names)}")
-    return found
-
-
-def _where(witness: Witness | None, names: tuple[str, ...], before: str = "") -> str:
-    if witness is None:
-        return ""
-    wi, wo = (f"({', '.join(f'{part:.6g}' for part in direction)})" for direction in (witness.wi, witness.wo))
-    parameters = "".join(f"{name}={value:.6g}, " for name, value in zip(names, witness.parameters, strict=True))
-    return f"{before}at {parameters}wi={wi}, wo={wo}"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from brdfcheck.verdict.box import cosine_at
 from brdfcheck.verdict.surface import Surface
 
 SUSPICIOUS = 30.0
@@ -24,7 +25,7 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
     random = np.random.default_rng(4)
     dimension, angle = surface.box.dimension, surface.angle
     # What grows towards grazing has a limit of its own: what else grows there does so in other light, too.
-    grazes = angle is not None and surface.grazes and bool(place[angle] < _GRAZING)
+    grazes = angle is not None and _grazing(surface, place)
     if grazes:
         place = place.copy()
         place[angle] = _BESIDE
@@ -49,4 +50,8 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
     if np.count_nonzero(rising) + np.count_nonzero(nearer) < _OFTEN:
         return None
     found = np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > _ENDLESS
-    return place if found and not (angle is not None and surface.grazes and place[angle] < _GRAZING) else None
+    return place if found and not _grazing(surface, place) else None
+
+
+def _grazing(surface: Surface, place: np.ndarray) -> bool:
+    return bool(surface.box.physical(place[None])[1][0] <= cosine_at(np.array(_GRAZING)))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from brdfcheck.verdict import words
+from brdfcheck.verdict.checks import Check
 from brdfcheck.verdict.side_checks import SideChecks
 
 TOLERANCE = 1e-9
@@ -29,7 +30,8 @@ class Report:
 
     `albedo` +- `error` is the largest directional albedo, and `least` what it is at least; `parameters`, `cos_theta`, `azimuth`
     (radians) say where. `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`:
-    reciprocity, minimum, NaN/Inf (None where the BRDF could not be evaluated). `findings`: defects, in words; `notes`: remarks.
+    reciprocity, minimum, NaN/Inf (None where the BRDF could not be evaluated); `checks`: what each check beside the albedo
+    measured, and whether that passes. `findings`: defects, in words; `notes`: remarks.
 
     What the answer rests on: `basis` ("theorem" where the angle needed no search, else "search"), `points` looked at,
     `climbs` begun, `settled` (the last scan found nothing higher, and no climb was left unfinished that might yet cross 1), and
@@ -50,6 +52,7 @@ class Report:
     azimuth: float = np.nan
     above: tuple[tuple[float, float], ...] | None = None
     side: SideChecks | None = None
+    checks: tuple[Check, ...] = ()
     engine: str = "none"
     anisotropic: bool = False
     evaluations: int = 0

@@ -1,0 +1,76 @@
+"""The checks beside the albedo: a function for each, which says what it measured, whether that passes, and both in words.
+
+A new check is a function and its row in `CHECKS`; text, JSON and JUnit show it without being touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.verdict.side_checks import SideChecks, Witness, side_checks
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a check says: `value` is what it measured, `words` are a finding where it did not pass."""
+
+    name: str
+    value: float
+    passed: bool
+    words: str
+
+
+class Evidence:
+    """What checks look at: the albedo of a family, the parameters at which it is largest, and values at pairs of directions."""
+
+    def __init__(self, albedo: PointwiseAlbedo, parameters: Mapping[str, float]):
+        self.albedo, self.parameters = albedo, dict(parameters)
+
+    @cached_property
+    def side(self) -> SideChecks:
+        """The BRDF at pairs of directions and at all that the search saw; made once for all checks."""
+        return side_checks(self.albedo, self.parameters)
+
+    def where(self, witness: Witness | None) -> str:
+        """The place of a witness in words; nothing where there is none."""
+        if witness is None:
+            return ""
+        wi, wo = (f"({', '.join(f'{part:.6g}' for part in direction)})" for direction in (witness.wi, witness.wo))
+        pairs = zip(self.albedo.family.ranges, witness.parameters, strict=True)
+        return f" at {''.join(f'{name}={value:.6g}, ' for name, value in pairs)}wi={wi}, wo={wo}"
+
+
+def _reciprocal(evidence: Evidence) -> Check:
+    side = evidence.side
+    words = f"reciprocal: f(wi, wo) and f(wo, wi) differ by {side.reciprocity:.2g} of the larger"
+    words = words if side.reciprocal else f"not {words}"
+    if not side.reciprocal and side.unequal is not None:
+        values = f"{side.unequal.value:.6g} and {side.unequal.swapped:.6g} / sr"
+        words += f": {values}{evidence.where(side.unequal)}"
+    return Check("reciprocal", side.reciprocity, side.reciprocal, words)
+
+
+def _positive(evidence: Evidence) -> Check:
+    side = evidence.side
+    words = f"the smallest value seen is {side.minimum:.3g} / sr"
+    if not side.positive:
+        words = f"negative: {words}{evidence.where(side.lowest)}"
+    return Check("positive", side.minimum, side.positive, words)
+
+
+def _finite(evidence: Evidence) -> Check:
+    side = evidence.side
+    if not side.nonfinite:
+        return Check("finite", 0, True, f"finite at {side.pairs} values")
+    what = "NaN everywhere" if np.isnan(side.minimum) else f"{side.nonfinite} of {side.pairs} values are NaN or Inf"
+    kind = f", {side.broken.value}" if side.broken is not None and not np.isnan(side.minimum) else ""
+    return Check("finite", side.nonfinite, False, f"not finite: {what}{kind}{evidence.where(side.broken)}")
+
+
+CHECKS: dict[str, Callable[[Evidence], Check]] = {"reciprocal": _reciprocal, "positive": _positive, "finite": _finite}
+"""By name, in the order in which reports tell them."""
