@@ -254,7 +254,8 @@ def test_on_a_terminal_the_cursor_comes_back(tmp_path: Path) -> None:
 
 PROGRAM = """
 import os, pathlib, sys, time
-from brdfcheck import interruption, records
+from brdfcheck import interruption
+from brdfcheck.output import records
 def ready():
     pathlib.Path("ready").write_text(".")
 interruption.watch()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from brdfcheck.fits.factor import FactorFit
     from brdfcheck.fits.ladder import Rung
 
-# As in `brdfcheck.fits.factor` and `brdfcheck.export`, which are not imported before the words are known to be right.
+# As in `brdfcheck.fits.factor` and `brdfcheck.output`, which are not imported before the words are known to be right.
 _OBJECTIVES = ("minimax", "least-squares", "reciprocal")
 _SAMPLINGS = ("geometric", "linear", "integers")
 _KINDS = ("glsl", "c", "csv", "npy", "exr")
