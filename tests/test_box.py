@@ -85,7 +85,7 @@ def gaps(values: np.ndarray, low: float, high: float) -> float:
 
 def searched(one: Box, effort: float) -> np.ndarray:
     """The points at which a search of a function looks in any case: the scan, the landmarks, a quarter as many points again."""
-    count = int((4096, 8192, 8192, 12288)[min(len(one.swept), 3)] * effort)
+    count = int((2048, 4096, 8192, 9216)[min(len(one.swept) + one.turning, 3)] * effort)
     levels = max(int(513 * min(1, 2 * effort)), 257)
     return np.concatenate([one.landmarks(), one.scan(count, 0, levels), one.scan(count // 4, count, levels)])
 

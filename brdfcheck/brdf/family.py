@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import random
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from itertools import islice, product
+from itertools import product
 from typing import Any
 
 
@@ -43,6 +44,23 @@ def interval(name: str, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
+def corners(bounds: Iterable[Iterable[float]], most: int) -> list[tuple[float, ...]]:
+    """The corners of a box: all of them, or where these are more than `most` so many, drawn from all, opposite ones first."""
+    ends = [tuple(dict.fromkeys(pair)) for pair in bounds]
+    total = math.prod(map(len, ends))
+    if total <= most:
+        return list(product(*ends))
+    numbers = [0, total - 1, *random.Random(0).sample(range(1, total - 1), most - 2)]
+    found = []
+    for number in numbers:
+        corner = []
+        for pair in ends:
+            number, which = divmod(number, len(pair))
+            corner.append(pair[which])
+        found.append(tuple(corner))
+    return found
+
+
 @dataclass(frozen=True)
 class Refusal:
     """Why a family cannot be built at a corner of its box. `ours`: one of this package's classes refused the values."""
@@ -52,14 +70,15 @@ class Refusal:
     ours: bool
 
 
+# At how many corners a family is built before it is asked for more.
+_CORNERS = 64
 # Modules that call a family's factory: what goes wrong in the call itself is no refusal of a lobe.
 _CALLERS = frozenset(("brdfcheck.brdf.family", "brdfcheck.brdf.subject"))
 
 
 def refusal(family: Family) -> Refusal | None:
     """Build the family at the corners of its box: a lobe's own checks see numbers there, and tracers later."""
-    corners = product(*(sorted(set(bounds)) for bounds in family.ranges.values()))
-    for corner in islice(corners, 64):
+    for corner in corners(family.ranges.values(), _CORNERS):
         parameters = dict(zip(family.ranges, corner, strict=True))
         try:
             family.build(**parameters)

@@ -194,7 +194,10 @@ def _effort(report: Report) -> str:
 
 
 def remarks(console: Console, reports: Iterable[Report]) -> None:
-    """The findings and notes of a table, below it."""
+    """What the answers of a table rest on, and its findings and notes, below it."""
+    reports = list(reports)
+    for report in reports:
+        console.print(_text(f"{report.name}: {one_line(basis_text(report))}", "dim"))
     for line in remark_lines(reports):
         finding = line.startswith("finding")
         console.print(_text(line, "red" if finding else "dim"))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice, product
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,7 +19,7 @@ import numpy as np
 from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side
 from brdfcheck.brdf.factors import has_engine, peel
-from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.family import Family, corners
 from brdfcheck.quadrature.albedo import Albedo, adaptive_albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.graded import GradedRule
@@ -369,7 +368,7 @@ def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
         tuple((1 - part) * low + part * high for part, (low, high) in zip(parts, ranges, strict=True))
         for parts in np.random.default_rng(5).uniform(0, 1, (4, len(ranges)))
     ]
-    return list(dict.fromkeys([*islice(product(*ranges), 64), *inside, *tilted]))
+    return list(dict.fromkeys([*corners(ranges, 64), *inside, *tilted]))
 
 
 def _budget(rtol: float) -> int:

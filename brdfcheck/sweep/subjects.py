@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import hashlib
 import inspect
-import itertools
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ import numpy as np
 from brdfcheck.brdf import catalog, lobes, microfacet
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.factors import Normalized, PerCosine, has_engine, peel
+from brdfcheck.brdf.family import corners
 from brdfcheck.brdf.readers.python import is_file_spec, load_object, split_spec
 from brdfcheck.brdf.subject import family_of
 from brdfcheck.messages import UsageError, one_line
@@ -211,8 +211,7 @@ def _try_corners(
     source: Source, build: Callable[..., Any], static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]
 ) -> None:
     """A lobe's own checks see numbers here, and tracers later."""
-    bounds = [sorted(set(interval)) for interval in ranges.values()]
-    for corner in itertools.islice(itertools.product(*bounds), 64):
+    for corner in corners(ranges.values(), 64):
         numbers = dict(zip(ranges, corner, strict=True))
         try:
             brdf = build(**numbers)

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from brdfcheck.brdf.family import corners
+
 # Ranges of a larger ratio run geometrically.
 _GEOMETRIC = 20
 # Ranges that begin at 0, or end there, are also looked at near 0, at these parts of their length.
@@ -160,8 +162,8 @@ class Box:
         if not self.has_angle or self.cosines[0] > 0:
             return np.zeros((0, len(DECADES), self.dimension))
         swept = len(self.swept)
-        corners = np.array(list(itertools.islice(itertools.product((0.0, 1.0), repeat=swept), 64)))
-        places = np.concatenate([corners, _sequence(count, swept, 31)]) if swept else np.zeros((1, 0))
+        ends = np.array(corners([(0.0, 1.0)] * swept, 64))
+        places = np.concatenate([ends, _sequence(count, swept, 31)]) if swept else np.zeros((1, 0))
         return self.at_decades(self._combined(places, np.zeros(1)))
 
     def at_decades(self, places: np.ndarray) -> np.ndarray:

@@ -59,11 +59,6 @@ class Scan:
         self.points = self.look(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]), -np.inf)
         self._straighten()
 
-    @property
-    def best(self) -> float:
-        """What the largest albedo is at least, by the scans."""
-        return float(np.max(self.points.values - self.points.errors, initial=-np.inf))
-
     def again(self, turn: int, best: float, winner: np.ndarray) -> Points:
         """Another scan, disjoint from those before: evenly, where the surface may rise above the best seen, and echoes."""
         places = [self.surface.box.scan(self._count // 4, (turn + 1) * self._count, self._cosines)]

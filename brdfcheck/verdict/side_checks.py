@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice, product
 
 import jax
 import numpy as np
@@ -13,6 +12,7 @@ from brdfcheck import geometry
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import BLOCK, Evaluator
 from brdfcheck.brdf.factors import Normalized
+from brdfcheck.brdf.family import corners
 from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import CHUNK, PointwiseAlbedo
 
@@ -116,13 +116,13 @@ def _zonal_values(lobes: AbstractZonalLobe, wi: np.ndarray, wo: np.ndarray) -> n
 
 def _sampled_parameters(ranges: list[tuple[float, float]], worst: list[float]) -> np.ndarray:
     """All corners of the box, its middle, and `worst`, one row each."""
-    corners = list(islice(product(*(dict.fromkeys(bounds) for bounds in ranges)), _CORNERS))
+    ends = corners(ranges, _CORNERS)
     # By logarithms: the product of two large ends would overflow.
     middle = [
         float(np.exp(0.5 * np.log(low) + 0.5 * np.log(high))) if low > 0 else 0.5 * low + 0.5 * high for low, high in ranges
     ]
     inside = [min(max(value, low), high) for value, (low, high) in zip(middle, ranges, strict=True)]
-    rows = np.array([*corners, inside, worst], float).reshape(len(corners) + 2, len(ranges))
+    rows = np.array([*ends, inside, worst], float).reshape(len(ends) + 2, len(ranges))
     # At least four rows, so that families of the same kind share one program.
     return rows[np.minimum(np.arange(max(4, len(rows))), len(rows) - 1)]
 

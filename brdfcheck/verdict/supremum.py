@@ -54,9 +54,9 @@ class Supremum:
     is at least. `above` are the intervals of the single parameter in which some angle exceeds `threshold` (None where they
     were not looked for). `basis`: "theorem" where the angle needed no search, else "search". `points` were scanned, `climbs`
     begun; `settled` says that the last scan found nothing higher, and that no climb was left unfinished that might yet cross
-    the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle" in degrees
-    and "cell" in all at once. `unbounded` says where the albedo grows without bound (value and error are then infinite),
-    `channel` which channel is the largest.
+    the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle" and
+    "azimuth" in degrees, and "cell" in all at once. `unbounded` says where the albedo grows without bound (value and error are
+    then infinite), `channel` which channel is the largest.
     """
 
     value: float
@@ -113,8 +113,8 @@ class _Search:
         self.confirm = Confirmation(self.surface, self.winners, self.tell)
         self.winner = np.zeros(self.surface.box.dimension)
         self.climbs = 0
-        # How much of what they promised scanned points kept when they were confirmed, and where the quick rules resolve nothing
-        # the points that were looked at by another one.
+        # The part of their promise (how far they might rise above the best) that scanned points kept when they were confirmed;
+        # and the points looked at by the rule of a verdict where the quick rules resolve nothing.
         self.kept = 1.0
         self.resolved: np.ndarray | None = None
 
