@@ -21,12 +21,14 @@ _HARD = 1e-3
 _BLIND = 1e-3
 # How many places are asked by more than the first of these.
 _FINEST = 6
-# How many climbs that were not finished are gone on with, and after how many evaluations no more digits are asked for; on the
-# last way up, how far the rule of one place is taken to serve, and how many such rules there may be.
+# How many climbs that were not finished are gone on with, and after how many evaluations no more digits are asked for.
 _UNFINISHED, _TIGHTENED = 10, 25_000_000
+# On the last way up: how far the rule of one place is taken to serve, and how many such rules there may be.
 _REACH, _RULES = 3e-3, 12
-# How often a climb begins again where it was misled; an albedo that is known no better than this is not climbed from.
-_STALE, _ROUGH = 2, 1e-6
+# How often a climb begins again where it was misled.
+_STALE = 2
+# An albedo that is known no better than this is not climbed from.
+_ROUGH = 1e-6
 # By how much an integral must miss its accuracy for the rule that it ended with to be blurred.
 _BLURRED = 3
 # How near (in the unit cube) a limit is to another one that speaks for it.
@@ -113,7 +115,7 @@ class Confirmation:
         for index in np.flatnonzero(np.isposinf(value)):
             if self.unbounded is None:
                 _, mu, _ = self.surface.box.physical(places[index][None])
-                everywhere = "everywhere near this place: the integral over the hemisphere does not converge"
+                everywhere = "near this place: the integral over the hemisphere does not converge"
                 self.unbounded = places[index], "towards grazing incidence" if mu[0] == 0 else everywhere
 
     def _polish(
