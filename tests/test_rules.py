@@ -18,7 +18,7 @@ from brdfcheck.brdf.base import AbstractMicrofacetLobe, AbstractZonalLobe
 from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PerCosine, PhongExact, peel
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
-from brdfcheck.quadrature import RULES, exact, product, sampling, warped
+from brdfcheck.quadrature import RULES, closed_form, exact, product, sampling, warped
 from brdfcheck.quadrature import rule as rules
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.closed_form import ClosedForm, phong_albedo
@@ -88,7 +88,8 @@ def test_every_family_of_the_registry_is_there_and_tested():
 
 
 def test_a_rule_knows_nothing_of_lobes():
-    for path in Path(brdfcheck.quadrature.__file__).parent.glob("*.py"):
+    """But the closed forms."""
+    for path in set(Path(brdfcheck.quadrature.__file__).parent.glob("*.py")) - {Path(closed_form.__file__)}:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
                 assert node.module not in ("brdfcheck.brdf.lobes", "brdfcheck.brdf.microfacet"), path.name
