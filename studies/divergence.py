@@ -33,8 +33,7 @@ def run(size: str = "full") -> dict[str, Any]:
     import numpy as np
 
     from _instruments import transport as measure
-    from brdfcheck import transport
-    from brdfcheck.brdf import catalog
+    from brdfcheck import catalog, transport
 
     full = size == "full"
     paths, exponents = (2**18, EXPONENTS) if full else (2**12, EXPONENTS[::7])

@@ -20,7 +20,7 @@ def test_work_precision_of_every_solver():
     room = transport.box()
     exact = np.array([2.0, 1.5, 1.8, 1.6, 1.9, 1.7])
     emission = exact - 0.5 * (np.asarray(room.form_factors) @ exact)
-    points = transport.work_precision(room, emission, 0.5, exact, key=KEY, settings=3, repeats=1)
+    points = measure.work_precision(room, emission, 0.5, exact, key=KEY, settings=3, repeats=1)
     assert list(dict.fromkeys(point.method for point in points)) == list(measure.METHODS) == list(SOLVERS) == list(LABELS)
     by = {name: [point for point in points if point.method == name] for name in measure.METHODS}
     assert [len(own) for own in by.values()] == [1, 3, 3, 3, 3]
@@ -32,18 +32,18 @@ def test_work_precision_of_every_solver():
     assert by["paths"][-1].cost > by["paths"][0].cost
     assert all(point.seconds > 0 for point in points)
     with pytest.raises(ValueError, match="reference must be finite, one for each of the 6 patches"):
-        transport.work_precision(room, emission, 0.5, exact[:3], key=KEY)
+        measure.work_precision(room, emission, 0.5, exact[:3], key=KEY)
 
 
 def test_work_precision_ends_a_ladder_that_takes_too_long():
-    points = transport.work_precision(
+    points = measure.work_precision(
         transport.cylinder(), 1.0, 0.5, np.full(3, 2.0), key=KEY, settings=5, most_seconds=1e-9, repeats=1
     )
     assert [point.method for point in points] == ["direct", "krylov", "progressive", "neumann"]
 
 
 def test_growth_counts_patches_and_bytes():
-    small, large = transport.growth([(1, 1, 1), (16, 16, 8)], repeats=1)
+    small, large = measure.growth([(1, 1, 1), (16, 16, 8)], repeats=1)
     assert (small.patches, large.patches) == (6, 1024)
     assert (small.matrix_bytes, large.matrix_bytes) == (8 * 6**2, 8 * 1024**2)
     assert 2 * large.matrix_bytes < large.direct_bytes < 100 * 2**20
@@ -57,18 +57,18 @@ def test_growth_counts_patches_and_bytes():
 
 def test_levels_are_strict_json():
     cube = transport.box()
-    found = transport.levels(cube, cube.on_wall(4, 1.0), (0.7, 1.01), key=KEY, paths=4096)
+    found = measure.levels(cube, cube.on_wall(4, 1.0), (0.7, 1.01), key=KEY, paths=4096)
     assert [level.method for level in found[:5]] == ["direct", "krylov", "progressive", "neumann", "paths"]
     assert [level.status for level in found] == [*["SOLVED"] * 5, "MEANINGLESS", "MEANINGLESS", *["DIVERGES"] * 3]
     assert found[0].value[4] == pytest.approx(1.28654972, abs=5e-9)
     assert found[5].value[4] == pytest.approx(-15.973378, abs=1e-6)
-    text = json.dumps(transport.plain(found), allow_nan=False)
+    text = json.dumps(measure.plain(found), allow_nan=False)
     assert json.loads(text)[-1]["value"] == ["NaN"] * 6
     assert json.loads(text)[-1]["error"] == "Infinity"
 
 
 def test_refinement_comes_to_the_light():
-    steps, light = transport.refinement((1, 4), 0.7, key=KEY, paths=2**16)
+    steps, light = measure.refinement((1, 4), 0.7, key=KEY, paths=2**16)
     assert [step.patches for step in steps] == [6, 96]
     assert (steps[0].glowing, steps[0].opposite, steps[0].sides) == pytest.approx(
         (1.28654972, 0.40926241, 0.40938030), abs=5e-9
@@ -79,7 +79,7 @@ def test_refinement_comes_to_the_light():
 
 
 def test_radii_and_where_they_cross_one():
-    found = transport.radii(Lambert, (0.5, 0.8), nodes=8, azimuths=8)
+    found = measure.radii(Lambert, (0.5, 0.8), nodes=8, azimuths=8)
     assert found.radii == pytest.approx((0.5, 0.8))
     assert found.largest == pytest.approx((0.5, 0.8))
     assert found.crossings == ()
@@ -87,13 +87,13 @@ def test_radii_and_where_they_cross_one():
     def too_bright(n):
         return Normalized(Phong(n), Factor(4, 2 * np.pi))
 
-    found = transport.radii(too_bright, (1.0, 3.0, 30.0), nodes=48, azimuths=96)
+    found = measure.radii(too_bright, (1.0, 3.0, 30.0), nodes=48, azimuths=96)
     assert len(found.crossings) == 1
     (crossing,) = found.crossings
     radius = transport.angular_operator(too_bright(crossing), nodes=48, azimuths=96).spectral_radius()
     assert radius.value == pytest.approx(1, abs=1e-4)
     with pytest.raises(ValueError, match="parameters must rise"):
-        transport.radii(Lambert, (0.5, 0.5))
+        measure.radii(Lambert, (0.5, 0.5))
 
 
 @pytest.mark.parametrize(("seconds", "calls"), [(0.6, 3), (0.0, 6)])
