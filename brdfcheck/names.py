@@ -10,10 +10,14 @@ if TYPE_CHECKING:
 def lazy(package: str, file: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` for the ``__init__.py`` (`file`) of a package; the stub beside it names what there is."""
 
-    def attached() -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-        import lazy_loader
+    read: list[tuple[Callable[[str], object], Callable[[], list[str]], list[str]]] = []  # the stub, once it is
 
-        return lazy_loader.attach_stub(package, file)
+    def attached() -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
+        if not read:
+            import lazy_loader
+
+            read.append(lazy_loader.attach_stub(package, file))
+        return read[0]
 
     def attribute(name: str) -> object:
         if name.startswith("__") and name != "__all__":  # what the import system asks of any module

@@ -25,8 +25,6 @@ Range = tuple[float, float]
 _DIRECTIONS = frozenset(("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incoming", "outgoing", "light", "view", "l", "v"))
 # Exponents and roughnesses are never directions.
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
-
-
 # What a parameter runs over when a class of this package is given without ranges.
 _USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
 

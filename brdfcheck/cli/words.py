@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from brdfcheck.brdf.subject import Range
 from brdfcheck.messages import UsageError, one_line
-
-Range = tuple[float, float]
 
 
 def parse_number(text: str, what: str) -> float:

@@ -1,6 +1,5 @@
 """From a target to a verdict: the search for the largest albedo, the side checks, the report."""
 
-from brdfcheck.brdf.subject import as_family as as_family
 from brdfcheck.verdict.check import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.check import Report as Report
 from brdfcheck.verdict.check import Verdict as Verdict
