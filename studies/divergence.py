@@ -19,6 +19,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from brdfcheck.output import records
+
 # (published, validated, exponent of the largest albedo)
 EXHIBITS = (("binomial-power-published", "binomial-power-half", 17.85), ("blinn-phong-8", "blinn-phong-fitted", 8.76))
 CLAIMS = ("binomial-power-raw", "binomial-power-published", "blinn-phong-8", "blinn-phong-ndf", "blinn-phong-linear",
@@ -58,7 +60,7 @@ def run(size: str = "full") -> dict[str, Any]:
         })  # fmt: skip
     claims = []
     for name in CLAIMS:
-        claims.append({"name": name, **measure.plain(measure.radii(catalog.exponent_family(name), exponents, **nodes))})
+        claims.append({"name": name, **records.plain(measure.radii(catalog.exponent_family(name), exponents, **nodes))})
     return {"settings": {"paths": paths, **nodes}, "results": results, "summary": {"claims": claims}}
 
 

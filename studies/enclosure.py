@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from brdfcheck.output import records
+
 ALONE = True  # times programs on all cores
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
 HALF_CUBE = (1.0, 1.0, 0.5)
@@ -45,7 +47,7 @@ def run(size: str = "full") -> dict[str, Any]:
     balance = {name: float(getattr(room.balance, name)) for name in ("reciprocity", "row_sums", "change")}
     told = {"growth": costs, "refined": refined, "light": light, "levels": levels, "balance": balance}
     settings = {"rho": 0.9, "patches": room.patches}
-    return {"settings": settings, "results": measure.plain(points), "summary": measure.plain(told)}
+    return {"settings": settings, "results": records.plain(points), "summary": records.plain(told)}
 
 
 def plot(record: dict[str, Any]) -> Any:

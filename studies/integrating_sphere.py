@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from brdfcheck.output import records
+
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
 # (label, exponent of a Phong lobe with its exact factor; None: Lambert)
 WALLS = (("Lambert", None), ("Phong, n = 2", 2.0), ("Phong, n = 10", 10.0), ("Phong, n = 50", 50.0))
@@ -36,13 +38,13 @@ def run(size: str = "full") -> dict[str, Any]:
     key = jax.random.key(1)
     levels = measure.levels(room, spot, RHO, key=key, paths=paths)
     results = []
-    for level in measure.plain(levels):
+    for level in records.plain(levels):
         rho = level["reflectance"]
         scale = abs(1 - rho) if rho != 1 else 1.0
         exact = spot + rho / (1 - rho) if rho < 1 else spot + np.nan
         value = np.array([float(part) for part in level.pop("value")])
-        error = measure.plain(float(np.max(np.abs(value - exact))) * scale)
-        opposite, claimed = measure.plain((float(value[-1]), float(level["error"]) * scale))
+        error = records.plain(float(np.max(np.abs(value - exact))) * scale)
+        opposite, claimed = records.plain((float(value[-1]), float(level["error"]) * scale))
         results.append({**level, "opposite": opposite, "error": error, "claimed": claimed})
     curves = []
     for label, n in walls:

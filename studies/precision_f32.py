@@ -50,9 +50,7 @@ def run(size: str = "full") -> dict[str, Any]:
     known = [error <= bar for error, bar in cells if error < float("inf")]
     naive = single.naive_forms(EXPONENTS, 90_001 if size == "full" else 9_001)
     summary = {"cells": len(cells), "overflow": len(cells) - len(known), "honest": sum(known), **naive}
-    for result in results:  # infinities are words in strict JSON
-        result["profile"] = None if result["profile"] is None else records.number(result["profile"])
-        result.update({key: [records.number(x) for x in result[key]] for key in ("error", "bar")})
+    results = records.plain(results)  # infinities are words in strict JSON
     return {"settings": {"angles": list(ANGLES), "exponents": list(EXPONENTS)}, "results": results, "summary": summary}
 
 

@@ -9,7 +9,9 @@ import os
 import stat
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -85,11 +87,25 @@ def refuse(constant: str) -> None:
     raise ValueError(f"{constant} is not strict JSON")
 
 
+def read_back(value: Any) -> Any:
+    """What JSON has as "NaN" and "Infinity" is a number again, wherever it stands."""
+    if isinstance(value, dict):
+        return {key: read_back(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return tuple(map(read_back, value))
+    return float(value) if value in ("NaN", "Infinity", "-Infinity") else value
+
+
 @pytest.mark.parametrize("report", [REPORT, BROKEN, UNBOUNDED], ids=["report", "broken", "unbounded"])
 def test_a_report_survives_strict_json(report: Report) -> None:
     text = records.to_json(records.to_json_object(report))
-    back = records.from_json_object(json.loads(text, parse_constant=refuse))
-    assert repr(back) == repr(report)  # NaN equals nothing, itself included
+    back = read_back(json.loads(text, parse_constant=refuse))
+    fields = dataclasses.asdict(report) | {"verdict": report.verdict.name}
+    for name in set(fields) - {"side"}:
+        assert repr(back[name]) == repr(fields[name])
+    if report.side is not None:
+        side = dataclasses.asdict(report.side)
+        assert repr({name: back["side"][name] for name in side}) == repr(side)
 
 
 def test_json_holds_every_field_of_a_report() -> None:
@@ -102,14 +118,13 @@ def test_json_holds_every_field_of_a_report() -> None:
     assert record["angle_degrees"] == pytest.approx(60)
 
 
-@pytest.mark.parametrize(
-    "name", ["basis", "points", "climbs", "settled", "width", "unbounded", "channel", "channels", "effort"]
-)
-def test_a_record_without_a_field_is_refused(name: str) -> None:
-    record = records.to_json_object(REPORT)
-    del record[name]
-    with pytest.raises(KeyError, match=name):
-        records.from_json_object(record)
+def test_what_has_no_form_in_json_is_refused() -> None:
+    with pytest.raises(TypeError, match="object has no form in JSON"):
+        records.plain({"a": [object()]})
+    assert records.plain({"a": np.float32(0.5), 2: (np.arange(3), True, None, Verdict.CONSERVES)}) == {
+        "a": 0.5,
+        "2": [[0, 1, 2], True, None, "CONSERVES"],
+    }
 
 
 @given(st.floats())

@@ -11,6 +11,7 @@ import pytest
 
 from _instruments import transport as measure
 from brdfcheck import Factor, Lambert, Normalized, Phong, transport
+from brdfcheck.output import records
 from brdfcheck.transport.styles import LABELS, SOLVERS
 
 KEY = jax.random.key(0)
@@ -62,7 +63,7 @@ def test_levels_are_strict_json():
     assert [level.status for level in found] == [*["SOLVED"] * 5, "MEANINGLESS", "MEANINGLESS", *["DIVERGES"] * 3]
     assert found[0].value[4] == pytest.approx(1.28654972, abs=5e-9)
     assert found[5].value[4] == pytest.approx(-15.973378, abs=1e-6)
-    text = json.dumps(measure.plain(found), allow_nan=False)
+    text = json.dumps(records.plain(found), allow_nan=False)
     assert json.loads(text)[-1]["value"] == ["NaN"] * 6
     assert json.loads(text)[-1]["error"] == "Infinity"
 

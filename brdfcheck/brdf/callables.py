@@ -31,7 +31,7 @@ _ROWS, _GROUP = 64, 8
 # Numbers (rows x directions x channels) that a program may return: bounds the memory of functions with many channels.
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
-_NUMPY_CALL = 8192
+_NUMPY_CALL = 7 * BLOCK
 _MOST_CHANNELS = 256
 _INDEXING = "directions come as arrays of shape (k, 3): index the last axis, wi[..., 2] and not wi[2]"
 
@@ -402,6 +402,10 @@ def _hint(error: Exception) -> str:
         return " (parameters are passed as floats: use int(k), or declare k: int and hold it at one value)"
     if isinstance(error, IndexError) or "ambiguous" in text or ("indices" in text and isinstance(error, TypeError)):
         return f" ({_INDEXING}, and choose by where, not by if)"
+    if "to unpack" in text:
+        return f" ({_INDEXING}; x, y, z = wi.T takes them apart)"
+    if isinstance(error, TypeError) and "arrays can be converted to Python scalars" in text:
+        return " (functions of math take one number: use those of numpy or jax.numpy)"
     return ""
 
 

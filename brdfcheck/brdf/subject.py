@@ -174,7 +174,11 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
         plural = "parameters" if len(missing) > 1 else "parameter"
         example = " ".join(f"--over {name}=LO:HI" for name in missing)
         python = ", ".join(f"{name}=(LO, HI)" for name in missing)
-        raise UsageError(f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}")
+        angles = any(name.lower().startswith(("theta", "phi")) for name in missing)
+        advice = "; a BRDF is a function of two arrays of directions (k, 3), f(wi, wo), not of angles" if angles else ""
+        raise UsageError(
+            f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}{advice}"
+        )
 
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]

@@ -9,7 +9,7 @@ that takes longer against the model's word is not chosen.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -263,6 +263,18 @@ def measure(scene: Any) -> Measured:
         _kept[: len(_kept) + 1 - _KEPT] = []
         _kept.append((key, measured))
         return measured
+
+
+def full_model(scene: Scene, size: tuple[int, int] | None = None) -> Image:
+    """The picture (3, height, width) in linear light that all others are compared with, at `size` or the scene's own.
+
+    ValueError where lights, materials and camera do not go together.
+    """
+    if size is not None:
+        scene = replace(scene, picture=replace(scene.picture, size=size))
+    with double_precision():
+        scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
+        return Compiler(scene).program(plan_of(scene, {knob.name: knob.rungs[-1] for knob in knobs_of(scene)})).image()
 
 
 def _measure(scene: Scene) -> Measured:

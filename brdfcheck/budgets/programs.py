@@ -92,14 +92,19 @@ class Compiler:
 
     def seeing(self, plan: Plan) -> tuple[float, int]:
         """The work of finding what is seen where, and how many points are shaded. By facets and precision alone."""
-
-        def blank(point: Any, normal: Any, view: Any) -> Array:
-            return jnp.zeros((3, *jnp.shape(normal[0] + normal[1] + normal[2])), plan.dtype)
-
         key = ("seeing", plan.facets, plan.dtype)
         if key not in self._known:
-            self._known[key] = self._traced(plan, self._numbers(plan), lambda _: blank)
-        return self._known[key], _points(self.scene, plan)
+            shaded: list[Any] = []
+
+            def blank(*place: Any) -> Array:
+                shaded.append(jax.tree.map(lambda part: jax.ShapeDtypeStruct(jnp.shape(part), part.dtype), place))
+                normal = place[1]
+                return jnp.zeros((3, *jnp.shape(normal[0] + normal[1] + normal[2])), plan.dtype)
+
+            numbers = self._numbers(plan)
+            work = traced(lambda numbers: _seen(self.scene, plan, numbers, blank), numbers, loops=_loops(self.scene, numbers))
+            self._known[key] = work, shaded[0]
+        return self._known[key][0], _points(self.scene, plan)
 
     def shading(self, plan: Plan) -> float:
         """The work at one point. By materials, lights, the rule for the albedo, and precision alone."""
@@ -109,9 +114,10 @@ class Compiler:
         key = ("shading", jax.tree.structure((numbers["material"], numbers["lights"])), plan.dtype, plan.quadrature)
         if key not in self._known:
             moments = None if self.scene.room is None else jnp.ones(10, plan.dtype)
-            whole = self._traced(plan, numbers, lambda numbers: _shader(plan, numbers, moments))
-            seen, points = self.seeing(plan)
-            self._known[key] = (whole - seen) / points
+            _, points = self.seeing(plan)
+            place = self._known["seeing", plan.facets, plan.dtype][1]
+            whole = traced(lambda numbers, place: _shader(plan, numbers, moments)(*place), numbers, place)
+            self._known[key] = whole / points
         return self._known[key]
 
     def room(self, plan: Plan) -> float:
@@ -122,12 +128,6 @@ class Compiler:
         if key not in self._known:
             self._known[key] = traced(lambda room: at_middle(room, plan.bounces), self._numbers(plan)["room"])
         return self._known[key]
-
-    def _traced(self, plan: Plan, numbers: Any, shader: Callable[[Any], Shader]) -> float:
-        def picture(numbers: Any) -> Array:
-            return _seen(self.scene, plan, numbers, shader(numbers))
-
-        return traced(picture, numbers, loops=_loops(self.scene, numbers))
 
     def _numbers(self, plan: Plan) -> dict[str, Any]:
         dtype = jnp.dtype(plan.dtype)

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from brdfcheck import plots
-from brdfcheck.budgets.choice import Fault
 from brdfcheck.budgets.measure import Budget, Rung
 from brdfcheck.output import records
 from brdfcheck.scene.colour import encode_srgb
@@ -25,14 +24,8 @@ def steps(budget: Budget) -> int:
     return 2**budget.scene.bits - 1
 
 
-def _fault(fault: Fault) -> dict[str, Any]:
-    return {"pixel": records.number(fault.pixel), "energy": records.number(fault.energy)}
-
-
 def _rung(rung: Rung) -> dict[str, Any]:
-    return {
-        "rung": rung.name, "error": _fault(rung.fault), "cost": rung.cost, "refused": rung.refused
-    }  # fmt: skip
+    return {"rung": rung.name, "error": rung.fault._asdict(), "cost": rung.cost, "refused": rung.refused}
 
 
 def document(budget: Budget) -> dict[str, Any]:
@@ -50,11 +43,11 @@ def document(budget: Budget) -> dict[str, Any]:
     ]
     settings = {
         "scene": scene.label, "size": list(scene.picture.size), "bits": scene.bits, "transfer": scene.transfer,
-        "silhouette": scene.silhouette, "tolerance": _fault(budget.tolerance), "precision": "float64",
+        "silhouette": scene.silhouette, "tolerance": budget.tolerance._asdict(), "precision": "float64",
     }  # fmt: skip
     summary = {
-        "chosen": budget.chosen, "predicted": _fault(budget.predicted), "error": _fault(budget.error),
-        "verified": _fault(budget.verified), "cost": budget.cost, "seconds": budget.seconds,
+        "chosen": budget.chosen, "predicted": budget.predicted._asdict(), "error": budget.error._asdict(),
+        "verified": budget.verified._asdict(), "cost": budget.cost, "seconds": budget.seconds,
         "full_seconds": budget.full_seconds, "saving": budget.saving, "ratios": list(budget.ratios),
         "combinations": budget.combinations, "points": [list(point) for point in budget.points],
     }  # fmt: skip

@@ -33,7 +33,8 @@ from brdfcheck.scene import files as scene_files
 from brdfcheck.scene.materials import Surface
 
 TRANSFERS = ("srgb", "linear")
-_OWN = ("output", "matters", "room")
+OWN = ("output", "matters", "room")
+"""The tables of a scene that ``brdfcheck.scene.files`` does not read."""
 _MOST_PIXELS = 2**24
 
 
@@ -90,7 +91,7 @@ def read_scene(path: str | Path) -> Scene:
 
 def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
     """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
-    picture = scene_files.parse_scene(document, label, validated=True, others=_OWN)
+    picture = scene_files.parse_scene(document, label, validated=True, others=OWN)
     if picture.size[0] * picture.size[1] > _MOST_PIXELS:
         raise UsageError(f"{label}: size must be at most {_MOST_PIXELS} pixels in all; got {picture.size}")
     output = _table(document, "output", label, ("bits", "transfer"))

@@ -334,17 +334,16 @@ def _write(export: tuple[str, str], content: Any, fit: FactorFit, words: Sequenc
 
 def _rung_json(rung: Rung) -> dict[str, Any]:
     from brdfcheck.fits.factor import factor_json
-    from brdfcheck.output import records
 
     return {
         "form": rung.form,
         "factor": factor_json(rung.factor),
         "constants": rung.constants,
         "operations": rung.operations,
-        "nanoseconds": records.number(rung.nanoseconds),
+        "nanoseconds": rung.nanoseconds,
         "smallest": rung.smallest,
         "smallest_n": rung.smallest_n,
         "lost": rung.lost,
         "peak": rung.peak,
-        "verdict": rung.verdict.name,
+        "verdict": rung.verdict,
     }

@@ -48,6 +48,7 @@ scene.toml:
 
 \b
 Only material and lights are needed. The keys are the parameters of the classes in brdfcheck.scene.
+The tables of brdfcheck budget may be there too: a [room] is rendered.
 A colour may be a spectrum: { wavelengths = [400, 700], reflectance = [0.2, 0.8] } in nm.
 A BRDF that is not validated is refused, unless the scene says allow_unvalidated = true.""",
 )
@@ -107,14 +108,21 @@ def _run(what: str | None, target: str | None, size: str | None, quality: str, b
 
     began = time.perf_counter()
     if is_scene:
-        from brdfcheck.scene.files import read_scene
+        from brdfcheck.budgets.measure import full_model
+        from brdfcheck.budgets.scenes import OWN, parse_scene
+        from brdfcheck.documents import read_document
+        from brdfcheck.scene import files
 
-        scene = read_scene(what)
+        document, label = read_document(what)
+        scene = files.parse_scene(document, label, others=OWN)
         height, width = pixels or scene.size
         if max(height, width) * samples > _MOST:
             raise UsageError(f"{one_line(what)}: size must be at most {_MOST // samples} pixels at --quality {quality}")
+        full = (height * samples, width * samples)
         try:
-            image = averaged(scene.render((height * samples, width * samples)), samples)
+            # In a room the light's bounces between its walls come in, which is what a budget's full model has.
+            image = full_model(parse_scene(document, label), full) if "room" in document else scene.render(full)
+            image = averaged(image, samples)
         except ValueError as error:  # what is right by itself and wrong together, as a camera inside the object
             raise UsageError(f"{one_line(what)}: {one_line(error)}") from None
     else:

@@ -1,10 +1,11 @@
-"""Results <-> files: JSON with a schema version, JUnit XML, annotations for GitHub, and writing without leaving halves.
+"""Results -> files: JSON with a schema version, JUnit XML, annotations for GitHub, and writing without leaving halves.
 
 Pure functions; nothing here computes an albedo.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
@@ -15,6 +16,7 @@ import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +26,6 @@ from brdfcheck.interruption import Cleanup
 
 if TYPE_CHECKING:
     from brdfcheck.verdict import Report
-    from brdfcheck.verdict.side_checks import Witness
 
 SCHEMA = "brdfcheck-results"
 SCHEMA_VERSION = 1
@@ -47,129 +48,35 @@ def number(value: float) -> float | int | str:
     return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
 
 
+def plain(value: Any) -> Any:
+    """Any value as what strict JSON has: objects, lists, texts, numbers, true, false, null.
+
+    Of a dataclass all fields, of an enum its name, of an array nested lists. TypeError for what is none of these.
+    """
+    if isinstance(value, Enum):
+        return value.name
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return number(value)
+    tolist = getattr(value, "tolist", None)
+    if callable(tolist):  # an array or a number of numpy or JAX
+        return plain(tolist())
+    raise TypeError(f"{type(value).__name__} has no form in JSON")
+
+
 def to_json_object(report: Report) -> dict[str, Any]:
     """All fields of a report, ready for strict JSON. Angles are in radians unless the key says degrees."""
-    side = report.side
-    return {
-        "name": report.name,
-        "verdict": report.verdict.name,
-        "passed": report.passed,
-        "albedo": number(report.albedo),
-        "error": number(report.error),
-        "least": number(report.least),
-        "parameters": {name: number(value) for name, value in report.parameters.items()},
-        "cos_theta": number(report.cos_theta),
-        "angle_degrees": number(report.angle),
-        "azimuth": number(report.azimuth),
-        "tolerance": number(report.tolerance),
-        "ranges": {name: [number(low), number(high)] for name, (low, high) in report.ranges.items()},
-        "above": None if report.above is None else [[number(low), number(high)] for low, high in report.above],
-        "side": None
-        if side is None
-        else {
-            "reciprocity": number(side.reciprocity),
-            "minimum": number(side.minimum),
-            "nonfinite": int(side.nonfinite),
-            "pairs": int(side.pairs),
-            "reciprocal": bool(side.reciprocal),
-            "positive": bool(side.positive),
-            "passed": bool(side.passed),
-            **{
-                name: None if witness is None else _witness_object(witness)
-                for name, witness in (("unequal", side.unequal), ("lowest", side.lowest), ("broken", side.broken))
-            },
-        },
-        "checks": [
-            {"name": check.name, "value": number(check.value), "passed": check.passed, "words": check.words}
-            for check in report.checks
-        ],
-        "engine": report.engine,
-        "anisotropic": report.anisotropic,
-        "evaluations": int(report.evaluations),
-        "seconds": number(report.seconds),
-        "findings": list(report.findings),
-        "notes": list(report.notes),
-        "basis": report.basis,
-        "points": int(report.points),
-        "climbs": int(report.climbs),
-        "settled": bool(report.settled),
-        "width": {name: number(value) for name, value in report.width.items()},
-        "unbounded": report.unbounded,
-        "channel": report.channel,
-        "channels": int(report.channels),
-        "effort": report.effort,
-    }
-
-
-def _witness_object(witness: Witness) -> dict[str, Any]:
-    return {
-        "parameters": [number(value) for value in witness.parameters],
-        "wi": [number(value) for value in witness.wi],
-        "wo": [number(value) for value in witness.wo],
-        "value": number(witness.value),
-        "swapped": None if witness.swapped is None else number(witness.swapped),
-    }
-
-
-def _witness(record: Mapping[str, Any] | None) -> Witness | None:
-    from brdfcheck.verdict.side_checks import Witness
-
-    if record is None:
-        return None
-    parameters, wi, wo = (tuple(float(value) for value in record[name]) for name in ("parameters", "wi", "wo"))
-    swapped = record["swapped"]
-    return Witness(parameters, wi, wo, float(record["value"]), None if swapped is None else float(swapped))
-
-
-def from_json_object(record: Mapping[str, Any]) -> Report:
-    """The report that `to_json_object` wrote. KeyError where a field is missing."""
-    from brdfcheck.verdict import Report, Verdict
-    from brdfcheck.verdict.checks import Check
-    from brdfcheck.verdict.side_checks import SideChecks
-
-    side = record["side"]
-    return Report(
-        name=record["name"],
-        verdict=Verdict[record["verdict"]],
-        albedo=float(record["albedo"]),
-        error=float(record["error"]),
-        least=float(record.get("least", "nan")),
-        parameters={name: float(value) for name, value in record["parameters"].items()},
-        cos_theta=float(record["cos_theta"]),
-        azimuth=float(record["azimuth"]),
-        tolerance=float(record["tolerance"]),
-        ranges={name: (float(low), float(high)) for name, (low, high) in record["ranges"].items()},
-        above=None if record["above"] is None else tuple((float(low), float(high)) for low, high in record["above"]),
-        side=None
-        if side is None
-        else SideChecks(
-            float(side["reciprocity"]),
-            float(side["minimum"]),
-            side["nonfinite"],
-            side["pairs"],
-            side["reciprocal"],
-            side["positive"],
-            *(_witness(side[name]) for name in ("unequal", "lowest", "broken")),
-        ),
-        checks=tuple(
-            Check(check["name"], float(check["value"]), check["passed"], check["words"]) for check in record.get("checks", ())
-        ),
-        engine=record["engine"],
-        anisotropic=record["anisotropic"],
-        evaluations=record["evaluations"],
-        seconds=float(record["seconds"]),
-        findings=tuple(record["findings"]),
-        notes=tuple(record["notes"]),
-        basis=record["basis"],
-        points=record["points"],
-        climbs=record["climbs"],
-        settled=record["settled"],
-        width={name: float(value) for name, value in record["width"].items()},
-        unbounded=record["unbounded"],
-        channel=record["channel"],
-        channels=record["channels"],
-        effort=record["effort"],
-    )
+    record = plain(report) | {"passed": report.passed, "angle_degrees": number(report.angle)}
+    if report.side is not None:
+        record["side"]["passed"] = report.side.passed
+    return record
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -219,8 +126,8 @@ def document(
 
 
 def to_json(record: Mapping[str, Any]) -> str:
-    """Strict JSON text, with a newline at its end."""
-    return json.dumps(record, indent=2, allow_nan=False) + "\n"
+    """Strict JSON text of anything `plain` takes, with a newline at its end."""
+    return json.dumps(plain(record), indent=2, allow_nan=False) + "\n"
 
 
 def count(reports: Iterable[Report]) -> dict[str, int]:

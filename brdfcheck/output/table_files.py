@@ -49,12 +49,16 @@ def table_metadata(table: AlbedoGrid, command: str | None = None) -> dict[str, A
         "axis_1": "cos_theta",
         "placement": table.placement,
         "shape": list(table.values.shape),
-        "range_0": [records.number(bound) for bound in table.family.ranges[table.parameter]],
-        "range_1": [records.number(bound) for bound in table.family.cos_theta],
-        "nodes_0": [records.number(value) for value in table.nodes],
-        "nodes_1": [records.number(value) for value in table.cos_theta],
-        "largest_value": records.number(float(np.max(table.values))),
-        "max_error": records.number(float(np.max(table.errors))),
+        **records.plain(
+            {
+                "range_0": table.family.ranges[table.parameter],
+                "range_1": table.family.cos_theta,
+                "nodes_0": table.nodes,
+                "nodes_1": table.cos_theta,
+                "largest_value": np.max(table.values),
+                "max_error": np.max(table.errors),
+            }
+        ),
         "engine": table.engine,
         "command": command or f"brdfcheck.fits.grids.tabulate({table.family.name!r})",
         "versions": records.versions(),
@@ -83,7 +87,7 @@ def write_table(
     elif kind == "npy":
         stream = io.BytesIO()
         np.save(stream, np.ascontiguousarray(table.values, dtype="<f8"), allow_pickle=False)
-        records.write_atomically(f"{os.fspath(path)}.json", json.dumps(metadata, indent=2, allow_nan=False) + "\n")
+        records.write_atomically(f"{os.fspath(path)}.json", records.to_json(metadata))
         records.write_atomically(path, stream.getvalue())
     else:
         records.write_atomically(path, _exr(table, metadata))

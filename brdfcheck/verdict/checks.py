@@ -52,6 +52,8 @@ def _reciprocal(evidence: Evidence) -> Check:
     if not side.reciprocal and side.unequal is not None:
         values = f"{side.unequal.value:.6g} and {side.unequal.swapped:.6g} / sr"
         words += f": {values}{evidence.where(side.unequal)}"
+    if side.cosine:
+        words += " (divided by the cosine it is: return the BRDF alone, without the cosine of the rendering equation)"
     return Check("reciprocal", side.reciprocity, side.reciprocal, words)
 
 

@@ -23,6 +23,8 @@ _SCANNED_NOTHING = 1e-9  # in 1/sr: what is less negative than that in a scan is
 # All corners of the box up to this number, and how many times the directions are moved by their rounding.
 _CORNERS = 256
 _TREMORS = 6
+# How far values may differ for a hint at what is wrong with them.
+_HINT = 1e-3
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Directions (pairs, 3) twice -> values (places, pairs) or (places, pairs, channels)."""
@@ -45,7 +47,8 @@ class SideChecks:
 
     `reciprocity`: largest |f(wi,wo) - f(wo,wi)| relative to the larger value, of those that rounding cannot explain if there
     are such; `minimum`: smallest value in 1/sr (nan where no value is finite); `nonfinite`: how many values are NaN or Inf;
-    `pairs`: how many values were looked at. The witnesses say where (None: nothing is wrong).
+    `pairs`: how many values were looked at. The witnesses say where (None: nothing is wrong). `cosine`: all that is not
+    reciprocal would be, divided by the cosine of one of the directions.
     """
 
     reciprocity: float
@@ -57,6 +60,7 @@ class SideChecks:
     unequal: Witness | None = None
     lowest: Witness | None = None
     broken: Witness | None = None
+    cosine: bool = False
 
     @property
     def passed(self) -> bool:
@@ -216,7 +220,17 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
         witness(where, float(there[where]), float(back[where])) if np.any(unequal) else None,
         lowest,
         broken,
+        bool(np.any(unequal)) and _holds_the_cosine(unequal, there, back, wi, wo),
     )
+
+
+def _holds_the_cosine(unequal: np.ndarray, there: np.ndarray, back: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> bool:
+    """True where values that differ are reciprocal once they are divided by the cosine of one of the two directions."""
+    light, view = (np.broadcast_to(part[:, 2, None], there.shape)[unequal] for part in (wi, wo))
+    there, back = there[unequal], back[unequal]
+    with np.errstate(all="ignore"):
+        pairs = ((there / view, back / light), (there / light, back / view))
+        return any(bool(np.all(np.abs(one - other) <= _HINT * np.maximum(np.abs(one), np.abs(other)))) for one, other in pairs)
 
 
 def _noise(values: Values, wi: np.ndarray, wo: np.ndarray, there: np.ndarray, back: np.ndarray, epsilon: float) -> np.ndarray:

@@ -5,7 +5,6 @@ Nothing here knows the answer: the reference is handed in. Times are of warm pro
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import sys
 import time
@@ -18,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
-from brdfcheck.output import records
 from brdfcheck.transport.angular import AngularOperator, angular_operator
 from brdfcheck.transport.enclosures import AbstractEnclosure, Box, Sphere, box
 from brdfcheck.transport.neumann import neumann_series
@@ -263,14 +261,3 @@ def radii(family: Callable[[float], Any], parameters: Sequence[float], **nodes: 
     between = [ends for ends, (low, high) in pairs if low * high < 0]
     crossings: list[Any] = [brentq(excess, *map(float, ends), xtol=1e-4) for ends in between]
     return Radii(tuple(map(float, parameters)), largest, tuple(1 + value for value in found), tuple(crossings))
-
-
-def plain(value: Any) -> Any:
-    """What this module returns as dicts, lists and numbers for strict JSON: NaN and infinities become their words."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {name: plain(part) for name, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(part) for part in value]
-    return records.number(value) if isinstance(value, float) else value

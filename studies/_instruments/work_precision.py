@@ -59,7 +59,7 @@ class WorkPrecision:
         """All fields but the versions, which a record holds once, ready for strict JSON; times to four digits."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "versions"}
         fields |= {name: float(f"{fields[name]:.4g}") for name in ("warm_seconds", "compile_seconds")}
-        return {name: records.number(value) if isinstance(value, float) else value for name, value in fields.items()}
+        return records.plain(fields)
 
 
 @dataclass(frozen=True)
