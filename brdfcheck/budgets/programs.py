@@ -98,8 +98,7 @@ class Compiler:
 
             def blank(*place: Any) -> Array:
                 shaded.append(jax.tree.map(lambda part: jax.ShapeDtypeStruct(jnp.shape(part), part.dtype), place))
-                normal = place[1]
-                return jnp.zeros((3, *jnp.shape(normal[0] + normal[1] + normal[2])), plan.dtype)
+                return jnp.zeros((3, *jnp.broadcast_shapes(*map(jnp.shape, place[1]))), plan.dtype)
 
             numbers = self._numbers(plan)
             work = traced(lambda numbers: _seen(self.scene, plan, numbers, blank), numbers, loops=_loops(self.scene, numbers))
