@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import Any
 
 FAMILIES = Path(__file__).resolve().with_name("user_families.py")
-# With the fields that older reports lack.
+# With the fields that older reports lack, and a module that had another name.
 CHECK = """
 import json, runpy, sys
 import brdfcheck
-from brdfcheck.runtime import use_compilation_cache
+try:
+    from brdfcheck.runtime import use_compilation_cache
+except ImportError:
+    from brdfcheck.precision import use_compilation_cache
 
 brdfcheck.use_x64()
 use_compilation_cache()
