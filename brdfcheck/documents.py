@@ -1,12 +1,143 @@
-"""Documents that users write: TOML files, read with one set of messages."""
+"""Documents that users write: TOML files, read and checked with one set of messages.
+
+A document is described by models (`Model`): what is unknown, missing, of a wrong type or out of range is a `UsageError` in one
+line, which names the file, the place in it, what is allowed and what was given.
+"""
 
 from __future__ import annotations
 
+import difflib
 import tomllib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import pydantic
 
 from brdfcheck.messages import UsageError, one_line
+
+_LONGEST = 60
+# The words for what pydantic calls by the names of Python; of a type of error that is not here its own message is told.
+_WORDS = {
+    "missing": "is missing",
+    "bool_type": "must be true or false",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "finite_number": "must be finite",
+    "string_type": "must be a text",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "greater_than": "must be above {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be below {lt}",
+    "less_than_equal": "must be at most {le}",
+    "too_short": "must have at least {min_length} entries",
+    "too_long": "must have at most {max_length} entries",
+    "literal_error": "must be one of {expected}",
+    "union_tag_invalid": "must be one of {expected_tags}",
+    "union_tag_not_found": "needs the key {discriminator}",
+}
+
+_M = TypeVar("_M", bound="Model")
+
+
+class Model(pydantic.BaseModel):
+    """A table of a document. Keys that it does not have are refused, and nothing is converted but whole numbers to floats.
+
+    A validator that raises ValueError gives its own words. A field that is a tuple is ``Annotated[tuple[...], Strict(False)]``:
+    documents have lists.
+    """
+
+    model_config = pydantic.ConfigDict(
+        extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True, allow_inf_nan=False
+    )
+
+
+def validated(model: type[_M], document: Mapping[str, Any], label: str) -> _M:
+    """The document as `model`. UsageError, which begins with `label`, for the first thing that is wrong in it."""
+    try:
+        return model.model_validate(dict(document))
+    except pydantic.ValidationError as errors:
+        # What is unknown comes first: a mistyped key also makes another one missing.
+        first = min(errors.errors(), key=lambda error: error["type"] != "extra_forbidden")
+        raise UsageError(f"{label}: {_told(model, document, first)}") from None
+
+
+def shown(value: Any) -> str:
+    """A value of a document, for messages."""
+    text = one_line(repr(value))
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+def unknown_key(key: str, allowed: Iterable[str]) -> str:
+    """What is said of a key that a table does not have."""
+    allowed = tuple(allowed)
+    near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
+    return f"unknown key {shown(key)}; {f'did you mean {near[0]}? ' if near else ''}allowed: {', '.join(allowed)}"
+
+
+def _told(model: type[Model], document: Any, error: Any) -> str:
+    kind, place = error["type"], _place(document, error["loc"], missing=error["type"] == "missing")
+    if kind == "extra_forbidden":
+        table, key = place[:-1], str(place[-1])
+        return _at(table, unknown_key(key, _keys(model, error["loc"][:-1])))
+    context = error.get("ctx", {})
+    if kind == "value_error":
+        words = one_line(context["error"])
+    else:
+        words = _WORDS[kind].format(**context) if kind in _WORDS else one_line(error["msg"])
+    return _at(place, words if kind == "missing" else f"{words}; got {shown(error['input'])}")
+
+
+def _place(document: Any, location: tuple[Any, ...], missing: bool) -> list[str | int]:
+    """The keys of a location; pydantic puts names of alternatives between them."""
+    place: list[str | int] = []
+    for position, step in enumerate(location):
+        last = missing and position == len(location) - 1
+        inside = isinstance(document, Mapping) and step in document
+        inside |= isinstance(document, list | tuple) and isinstance(step, int) and step < len(document)
+        if inside:
+            document = document[step]
+        if inside or last:
+            place.append(step)
+    return place
+
+
+def _keys(model: Any, location: tuple[Any, ...]) -> list[str]:
+    """The keys of the table at a location, through lists and alternatives."""
+    found = [model]
+    for step in location:
+        inner: list[Any] = []
+        for one in found:
+            field = one.model_fields.get(step) if isinstance(step, str) else None
+            inner += _models(field.annotation) if field is not None else [one]
+        tagged = [one for one in inner if step in _tags(one)]
+        found = tagged or inner
+    return list(dict.fromkeys(key for one in found for key in one.model_fields))
+
+
+def _models(annotation: Any) -> list[type[Model]]:
+    """The models in an annotation."""
+    if isinstance(annotation, type) and issubclass(annotation, Model):
+        return [annotation]
+    return [one for part in getattr(annotation, "__args__", ()) for one in _models(part)]
+
+
+def _tags(model: type[Model]) -> tuple[Any, ...]:
+    """What the key "kind" of a model may be."""
+    field = model.model_fields.get("kind")
+    return getattr(field.annotation, "__args__", ()) if field is not None else ()
+
+
+def _at(place: list[str | int], words: str) -> str:
+    text = ""
+    for step in place:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else str(step)
+    return f"{text}: {words}" if text else words
 
 
 def read_document(path: str | Path) -> tuple[dict[str, Any], str]:
