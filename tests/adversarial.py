@@ -114,11 +114,14 @@ def drawn(seed: int, index: int) -> Case:
     return case(kind, (seed, index), numpy)
 
 
-def twins(count: int, seed: int) -> list[tuple[Case, Case]]:
-    """Pairs of one family written with numpy and for JAX."""
-    names = [kind for kind in kinds() if not _KINDS[kind].classes]
-    keys = [(names[index % len(names)], (seed, index)) for index in range(count)]
-    return [(case(kind, key, numpy=True), case(kind, key)) for kind, key in keys]
+def plain_kinds() -> tuple[str, ...]:
+    """The kinds that numpy can write too."""
+    return tuple(kind for kind, entry in _KINDS.items() if not entry.classes)
+
+
+def twins(kind: str, seed: int) -> tuple[Case, Case]:
+    """One family written with numpy and for JAX."""
+    return case(kind, (seed, 0), numpy=True), case(kind, (seed, 0))
 
 
 def _completed(entry: _Kind, drawn: Case, random: Generator, xp: Any) -> Case:

@@ -63,9 +63,18 @@ def test_faults_found_once_stay_away(key: tuple[int, int]) -> None:
     assert fault(drawn, checked(drawn)) is None
 
 
-@pytest.mark.parametrize("pair", adversarial.twins(4, 2), ids=lambda pair: pair[0].name)
-def test_numpy_and_jax_agree(pair: tuple[Case, Case]) -> None:
+# Of the kinds of which numpy and JAX are compared, those that the other tests do not wait for.
+TWINS = ("catalogue lobe", "narrow parameter", "narrow angle", "disc", "divergence", "grazing limit")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=[] if kind in TWINS else [pytest.mark.slow]) for kind in adversarial.plain_kinds()],
+)
+def test_numpy_and_jax_agree(kind: str) -> None:
+    pair = adversarial.twins(kind, 2)
     with_numpy, with_jax = (checked(case) for case in pair)
+    assert [fault(*told) for told in zip(pair, (with_numpy, with_jax), strict=True)] == [None, None]
     assert with_numpy.verdict is with_jax.verdict
     assert with_numpy.engine == "adaptive (numpy)"
     assert with_jax.engine == "adaptive"
