@@ -51,7 +51,7 @@ def run(size: str = "full") -> dict[str, Any]:
     wide, narrow = times["float64"], times["float32"]
     exact = metal_table.slope_table(axis, axis)
     results = [
-        limits.zonal(name, n, mu, wide, rounds) for name in (list(limits.FAMILIES) if full else ["phong", "lyon-1-half"])
+        limits.zonal(name, n, mu, wide, rounds) for name in (list(limits.FAMILIES) if full else ["phong", "schlick-mirror"])
     ]
     for rtol in limits.TOLERANCES if full else limits.TOLERANCES[:1]:
         path = f"Beckmann metal, rtol 10{plots.superscript(round(math.log10(rtol)))}"

@@ -62,15 +62,6 @@ class AbstractBRDF(eqx.Module):
         """The value of the BRDF in 1/sr; 0 where a direction lies below the surface."""
 
 
-class TruncatedPowers(eqx.Module):
-    """A profile as a sum of coefficient * max(0, 1 - x * reciprocal_end)^power, with x the versine or the angle (radians)."""
-
-    reciprocal_ends: Float[Array, " terms"]
-    coefficients: Float[Array, " terms"]
-    power: int = eqx.field(static=True)
-    measure: Literal["versine", "angle"] = eqx.field(static=True)
-
-
 class AbstractZonalLobe(AbstractBRDF):
     """A BRDF that depends on one angle: from the mirror direction ("mirror") or from N to the half vector ("half").
 
@@ -114,10 +105,6 @@ class AbstractZonalLobe(AbstractBRDF):
         beyond 41.8°.
         """
         return False
-
-    def truncated_powers(self) -> TruncatedPowers | None:
-        """The profile for exponents of at least 1 as truncated powers of one order; None where it is not of that kind."""
-        return None
 
     def amplitude(self) -> Float[Array, "..."]:
         """What the profile is multiplied by, in 1/sr: a number, or one number for each channel."""

@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractZonalLobe, Form, TruncatedPowers, as_parameter, checked_form
+from brdfcheck.brdf.base import AbstractZonalLobe, Form, as_parameter, checked_form
 
 # exp(-40) = 4e-18: what lies beyond adds less than the rounding of the sum.
 _NEGLIGIBLE = 40.0
@@ -223,14 +223,6 @@ class KuijkBlake(AbstractZonalLobe):
     def monotone(self) -> bool:
         return True
 
-    def truncated_powers(self) -> TruncatedPowers:
-        # With s(x) = max(0, 1 - x)^2 the lobe is (q s(a/q) - p s(a/p)) / (q - p), where q > p: for n >= 0.7.
-        reciprocal_p, q = self._reciprocal_p(), self._q()
-        ratio = q * reciprocal_p
-        return TruncatedPowers(
-            jnp.stack([1 / q, reciprocal_p]), jnp.stack([ratio, -jnp.ones_like(q)]) / (ratio - 1), power=2, measure="angle"
-        )
-
 
 def _truncated_power(versine: Array, n: Array, k: int, clamped: bool) -> Array:
     if k <= _LARGEST_PRODUCT:
@@ -246,10 +238,6 @@ def _truncated_support(n: Array, k: int) -> Array:
     # A high power is below exp(-n v), that is negligible, long before its end.
     reach = float(k) if k <= _LARGEST_PRODUCT else _NEGLIGIBLE
     return jnp.minimum(reach / jnp.maximum(n, 0.5), 1)[None]
-
-
-def _one_power(n: Array, k: int) -> TruncatedPowers:
-    return TruncatedPowers((n / float(k))[None], jnp.ones_like(n)[None], power=k, measure="versine")
 
 
 @final
@@ -286,9 +274,6 @@ class Lyon(AbstractZonalLobe):
 
     def smoothness(self) -> float:
         return float(2**self.w)
-
-    def truncated_powers(self) -> TruncatedPowers:
-        return _one_power(self.n, 2**self.w)
 
 
 @final
@@ -334,6 +319,3 @@ class BinomialPower(AbstractZonalLobe):
 
     def smoothness(self) -> float:
         return float(self.k) if self.clamped else 0.0  # the rebound needs a panel of its own
-
-    def truncated_powers(self) -> TruncatedPowers | None:
-        return _one_power(self.n, self.k) if self.clamped else None

@@ -9,9 +9,8 @@ Three observations make a table much cheaper than its cells one by one:
   1000 is interpolated to 1e-13 from 56 Chebyshev exponents, and a row costs a matrix product.
 
 A lobe that ends with a zero of high order is so smooth there that shared nodes may run across the moving end, if they are
-more and the range is shorter (`_PLANS`). Lobes with sharper breaks that are sums of truncated powers need one function of the
-moving end for each column (`quadrature.moments`). Other lobes with breaks, exponents below 1 (where Schlick's lobe has a layer
-of width n), float32 with breaks and microfacet lobes are integrated cell by cell.
+more and the range is shorter (`_PLANS`). Lobes with sharper breaks, exponents below 1 (where Schlick's lobe has a layer of
+width n) and microfacet lobes are integrated cell by cell.
 """
 
 from __future__ import annotations
@@ -30,12 +29,11 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.base import AbstractZonalLobe, TruncatedPowers
+from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.factors import has_engine, peel
 from brdfcheck.cores import available_cores
 from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature.albedo import Albedo
-from brdfcheck.quadrature.moments import MomentOrder, prepare, truncated_powers
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
 from brdfcheck.runtime import double_precision, is_double
@@ -58,21 +56,6 @@ _PLANS = (
 )
 
 
-class _PowerPlan(NamedTuple):
-    """For sums of truncated powers: the largest ratio of (1+n) in a block, and how one column is sampled.
-
-    Ends that reach neither the horizon nor a right angle share one panel: then a block spans `far_ratio` only.
-    """
-
-    ratio: float
-    far_ratio: float
-    fine: MomentOrder
-    coarse: MomentOrder
-
-
-# Powers up to the 8th; for the 16th the nodes before the kink are too few.
-_POWER_PLAN = _PowerPlan(1100.0, 30.0, MomentOrder(40, 12, 44, 6), MomentOrder(8, 10, 38, 12))
-_LARGEST_POWER = 8
 # The coarse rule is run for every so many-th exponent only.
 _CHECKED = 4
 # The cost of a cell by itself in cells with shared nodes, and from how many of these on another thread pays.
@@ -96,13 +79,11 @@ def _interpolation(at: Array, points: Array, weights: Array) -> Array:
     return terms / jnp.sum(terms, axis=1, keepdims=True)
 
 
-def _plan(lobe: object, powers: TruncatedPowers | None, dtype: Any) -> _Plan | _PowerPlan | None:
+def _plan(lobe: object) -> _Plan | None:
+    """How a family of such lobes shares nodes; None where it cannot."""
     if not isinstance(lobe, AbstractZonalLobe):
         return None
-    plan = next((plan for plan in _PLANS if lobe.smoothness() >= plan.smoothness), None)
-    if plan is None and powers is not None and powers.power <= _LARGEST_POWER and dtype == np.float64:
-        return _POWER_PLAN
-    return plan
+    return next((plan for plan in _PLANS if lobe.smoothness() >= plan.smoothness), None)
 
 
 def _block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Array, mu: Array) -> tuple[Array, Array]:
@@ -144,28 +125,9 @@ def _block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Arra
     return jnp.exp(_interpolation(at, points, weights) @ logarithm), relative
 
 
-def _power_block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _PowerPlan, n: Array, mu: Array) -> tuple[Array, Array]:
-    """As `_block`, for lobes that are sums of truncated powers."""
-    powers: TruncatedPowers = jax.vmap(lambda value: lobe_of_n(value).truncated_powers())(n)  # pyright: ignore
-    form, terms = lobe_of_n(n[0]).form, powers.coefficients.shape[1]
-    ends = prepare(form, powers.measure, powers.power, powers.reciprocal_ends.T.ravel())
-    coefficients = powers.coefficients.T
-
-    def column(mu: Array) -> tuple[Array, Array, Array]:
-        value, relative, doubt = truncated_powers(form, powers.measure, powers.power, ends, mu, (plan.fine, plan.coarse))
-        return value.reshape(terms, -1), relative, jnp.sum(doubt.reshape(terms, -1) * jnp.abs(coefficients), axis=0)
-
-    # What is left is done outside of the loop, where the terms lie in memory: see `truncated_powers`.
-    parts, relative, doubt = jax.lax.map(column, mu)
-    parts = parts * coefficients
-    value = jnp.sum(parts, axis=1)
-    error = (relative[:, None] * jnp.sum(jnp.abs(parts), axis=1) + doubt) / value
-    return value.T, error.T + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
-
-
 @eqx.filter_jit
 def _shared_nodes(
-    brdf_of_n: Callable[[Array], Any], plan: _Plan | _PowerPlan, n: Array, blocks: tuple[int, ...], mu: Array
+    brdf_of_n: Callable[[Array], Any], plan: _Plan, n: Array, blocks: tuple[int, ...], mu: Array
 ) -> tuple[Array, Array]:
     wrapped = brdf_of_n(n[0])
     core, _ = peel(wrapped)
@@ -176,10 +138,7 @@ def _shared_nodes(
     values, errors = [], []
     for start, end in zip((0, *blocks), (*blocks, n.size), strict=True):
         part = n[start:end]
-        if isinstance(plan, _PowerPlan):
-            value, relative = _power_block(core_of_n, plan, part, mu)
-        else:
-            value, relative = _block(core_of_n, plan, part, mu)
+        value, relative = _block(core_of_n, plan, part, mu)
         if core is not wrapped:  # the factors around the lobe
             value = value * jax.vmap(lambda value: peel(brdf_of_n(value))[1](mu) * jnp.ones_like(mu))(part)
         amplitude = jax.vmap(lambda value: core_of_n(value).amplitude())(part)
@@ -269,44 +228,10 @@ def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, col
     return tuple(joined(*columns) for columns in zip(*results, strict=True))
 
 
-def _count(plan: _Plan | _PowerPlan) -> int:
-    """Evaluations for one incidence."""
-    if isinstance(plan, _PowerPlan):
-        return plan.fine.circle + plan.fine.lead + plan.fine.intervals * plan.fine.gap
-    return plan.fine.circle + plan.fine.cut
-
-
-def profile_evaluations(brdf_of_n: Callable[..., Any], n: Float[ArrayLike, " n"], dtype: Any = np.float64) -> tuple[int, str]:
-    """How often a column of `albedo_table` evaluates the profile, error estimate included, and of what kind that is.
-
-    "profile": the lobe's own formula, one `exp` or less; "power": a truncated power, multiplications only. 0 of "cell" where
-    the table is integrated cell by cell: there ``Albedo.evaluations`` says it. For families of lobes about an axis and n >= 1.
-    """
-    rising = np.sort(_checked_exponents(n))
-    shape, powers = _structure(brdf_of_n, np.dtype(dtype))
-    plan = None if shape is None else _plan(peel(shape)[0], powers, np.dtype(dtype))
-    if plan is None or rising[0] < 1:
-        return 0, "cell"
-    if isinstance(plan, _PowerPlan):
-        panels = 2 if peel(shape)[0].form == "half" else 1
-        total = 0
-        for order in (plan.fine, plan.coarse):
-            points = order.intervals + 1
-            total += points * panels * (order.circle + panels * (order.lead + order.intervals * order.gap))
-        return total * (len(_blocks(rising, plan)) + 1), "power"
-    total = 0
-    for part in np.split(rising, _blocks(rising, plan)):
-        nodes = min(plan.exponents, len(part))
-        total += nodes * (plan.fine.circle + plan.fine.cut)
-        total += -(-nodes // _CHECKED) * (plan.coarse.circle + plan.coarse.cut)
-    return total, "profile"
-
-
-def _blocks(rising: np.ndarray, plan: _Plan | _PowerPlan) -> tuple[int, ...]:
+def _blocks(rising: np.ndarray, plan: _Plan) -> tuple[int, ...]:
     """Where to cut rising exponents so that no part spans more of 1+n than the plan's ratio."""
-    ratio = plan.far_ratio if isinstance(plan, _PowerPlan) and rising[-1] > plan.ratio else plan.ratio
     position = np.log1p(rising) - np.log1p(rising[0])
-    parts = max(1, int(np.ceil(position[-1] / np.log(ratio) - 1e-9)))
+    parts = max(1, int(np.ceil(position[-1] / np.log(plan.ratio) - 1e-9)))
     cuts = np.searchsorted(position, position[-1] * np.arange(1, parts) / parts)
     return tuple(sorted({int(cut) for cut in cuts} - {0, len(rising)}))
 
@@ -343,7 +268,7 @@ def albedo_table(
     mu = directional.checked_cosines(cos_theta)
     if mu.ndim != 1 or mu.size == 0:
         raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
-    shape, powers = _structure(brdf_of_n, np.dtype(mu.dtype))
+    shape = _structure(brdf_of_n, np.dtype(mu.dtype))
     if shape is None:
         rows = [directional.albedo(brdf_of_n(float(value)), mu, rtol=rtol) for value in exponents]
         count = np.sum([row.evaluations for row in rows])
@@ -351,7 +276,7 @@ def albedo_table(
         return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
     core = peel(shape)[0]
     engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
-    plan = _plan(core, powers, mu.dtype)
+    plan = _plan(core)
     order = np.argsort(exponents, kind="stable")
     rising = exponents[order].astype(mu.dtype)
     alone = len(rising) if plan is None else int(np.searchsorted(rising, 1.0))
@@ -368,7 +293,7 @@ def albedo_table(
         blocks = _blocks(rising[alone:], plan)
         same = (brdf_of_n, shared.size, blocks)
         parts.append(_on_all_cores(lambda mu: _shared_nodes(brdf_of_n, plan, shared, blocks, mu), same, mu, shared.size))
-        counts.append(_count(plan))
+        counts.append(plan.fine.circle + plan.fine.cut)
     value, error = (column[0] if len(parts) == 1 else jnp.concatenate(column) for column in zip(*parts, strict=True))
     if np.any(order[1:] < order[:-1]):
         back = np.argsort(order, kind="stable")
@@ -376,8 +301,8 @@ def albedo_table(
     return Albedo(value, error, jnp.asarray(max(counts)), engine)
 
 
-def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[Any, TruncatedPowers | None]:
-    """What the family builds and its truncated powers, without numbers; None where engines 1 and 2 cannot take it."""
+def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:
+    """What the family builds, without numbers; None where engines 1 and 2 cannot take it."""
     try:
         return _known_structure(brdf_of_n, dtype)
     except TypeError:  # a callable that cannot be hashed
@@ -385,13 +310,9 @@ def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[Any, Tru
 
 
 @functools.lru_cache(maxsize=64)
-def _known_structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> tuple[Any, TruncatedPowers | None]:
+def _known_structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:
     try:
         shape = eqx.filter_eval_shape(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
     except Exception:  # needs numbers, not tracers: the rows one by one
-        return None, None
-    if not has_engine(shape):
-        return None, None
-    core = peel(shape)[0]
-    zonal = isinstance(core, AbstractZonalLobe)
-    return shape, eqx.filter_eval_shape(lambda lobe: lobe.truncated_powers(), core) if zonal else None
+        return None
+    return shape if has_engine(shape) else None

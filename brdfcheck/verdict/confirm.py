@@ -46,6 +46,7 @@ class Confirmation:
         self.hard = False
         # A place, and towards what the albedo grows without bound.
         self.unbounded: tuple[np.ndarray, str] | None = None
+        self._tried: list[np.ndarray] = []
 
     # --- places as they are, and ends of climbs ---
 
@@ -215,11 +216,15 @@ class Confirmation:
             early = [i for i in winners.open() if not (winners.climbed[i] and winners.asked[i] <= (self.surface.rtol or 0))]
             if not winners.climbed[winners.top]:
                 early.insert(0, winners.top)
-            early = [i for i in early if winners.errors[i] < _ROUGH]
+            early = [i for i in early if winners.errors[i] < _ROUGH and not self._was_tried(winners.places[i])]
             if not early:
                 return
-            winners.asked[early[0]] = self.surface.rtol or 0  # that it was tried
+            self._tried.append(winners.places[early[0]])
             self._polish(winners.places[early[0]], None, _ARM)
+
+    def _was_tried(self, place: np.ndarray) -> bool:
+        """True where `finish` has climbed from: a second climb from there would be the first one again."""
+        return any(np.array_equal(place, other) for other in self._tried)
 
     def tighten(self) -> None:
         """More digits for places that are as high as the winner only by their own error."""

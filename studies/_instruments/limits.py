@@ -1,7 +1,7 @@
 """How far the production paths are from their floor: the number of their evaluations times the time of an operation.
 
 The floor of a path counts the dearest operation in one evaluation: an exp for powers, Beckmann's needle, functions and checks;
-a division for Schlick, V-cavities and GGX; for truncated powers a multiply-add each for the ratio and every squaring.
+a division for Schlick, V-cavities and GGX; for the 16th power a multiply-add each for the ratio and every squaring.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from _instruments import timing
 from _instruments.peers import metal_table
 from brdfcheck.brdf import catalog
+from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Phong
 from brdfcheck.brdf.microfacet import CookTorrance
 from brdfcheck.cores import available_cores, on_one_core
@@ -31,9 +32,6 @@ FAMILIES: dict[str, str | int] = {
     "blinn-phong": "exp",
     "schlick-mirror": "division",
     "binomial-power-half": 4,
-    "lyon-1-half": 1,
-    "lyon-3-half": 3,
-    "kuijk-blake-half": 1,
 }
 METAL = functools.partial(CookTorrance, masking="smith-separable")
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
@@ -66,10 +64,22 @@ def _path(path: str, job: Callable[[], Any], cells: int, evaluations: float, uni
     }
 
 
+def _evaluations(family: Any, n: np.ndarray, dtype: Any) -> int:
+    """How often a column of a table with shared nodes evaluates the profile, error estimate included; n >= 1, rising."""
+    plan = tables._plan(peel(tables._structure(family, np.dtype(dtype)))[0])
+    assert plan is not None
+    total = 0
+    for part in np.split(n, tables._blocks(n, plan)):
+        nodes = min(plan.exponents, len(part))
+        total += nodes * (plan.fine.circle + plan.fine.cut)
+        total += -(-nodes // tables._CHECKED) * (plan.coarse.circle + plan.coarse.cut)
+    return total
+
+
 def zonal(name: str, n: np.ndarray, mu: np.ndarray, times: Times, rounds: int) -> dict[str, Any]:
     """The table of a family in `FAMILIES` over exponents and cosines, in the precision of the cosines."""
     family, at = catalog.exponent_family(name), jnp.asarray(mu)
-    evaluations, _ = tables.profile_evaluations(family, n, mu.dtype)
+    evaluations = _evaluations(family, n, mu.dtype)
     job = lambda: tables.albedo_table(family, n, at).value  # noqa: E731
     path = f"table of {name}" + (", float32" if mu.dtype == np.float32 else "")
     found = _path(path, job, n.size * mu.size, evaluations / n.size, unit(name, times), rounds)
