@@ -22,7 +22,7 @@ from typing import Any
 
 SETTINGS = {
     "uniform-monte-carlo": 4096, "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "r2-lattice": 4096,
-    "midpoint-product": 32, "gauss-product": 32, "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 24, "half-vector": 24,
+    "midpoint-product": 32, "gauss-product": 32, "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 6, "half-vector": 5,
     "closed-form": 64,
 }  # fmt: skip
 OTHERS = ("phong", "ggx")

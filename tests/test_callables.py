@@ -320,7 +320,7 @@ def test_engines_are_chosen_by_what_a_brdf_offers():
     }
     for engine, build in kinds.items():
         albedo = PointwiseAlbedo(Family(engine, build, {"n": (2.0, 4.0)}))
-        assert albedo.engine == engine
+        assert albedo.engine_name == engine
         assert albedo.fast == (engine in ("zonal", "half-vector"))
     with pytest.raises(Finding):
         PointwiseAlbedo(Family("raises", lambda: raises))
@@ -331,14 +331,14 @@ def test_held_parameters_are_numbers_and_swept_ones_are_not():
         return lambda wi, wo: scale * (wi[..., 2] * wo[..., 2]) ** int(power)
 
     held = PointwiseAlbedo(Family("held", build, {"power": (2.0, 2.0), "scale": (0.0, 1.0)}))
-    assert held.engine == "adaptive"
+    assert held.engine_name == "adaptive"
     assert (held.names, held.swept) == (("power", "scale"), ("scale",))
     # E = scale mu^2 2 pi / 4.
     value, error = held(np.array([[2.0, 0.5], [2.0, 1.0]]), np.array([0.5, 1.0]), np.zeros(2))
     expected = np.array([0.5 * 0.25, 1.0]) * np.pi / 2
     assert np.all(np.abs(value - expected) <= error)
     np.testing.assert_allclose(value, expected, rtol=1e-8)
-    assert PointwiseAlbedo(Family("swept", build, {"power": (2.0, 3.0), "scale": (0.0, 1.0)})).engine == "adaptive (numpy)"
+    assert PointwiseAlbedo(Family("swept", build, {"power": (2.0, 3.0), "scale": (0.0, 1.0)})).engine_name == "adaptive (numpy)"
 
 
 @pytest.mark.parametrize(

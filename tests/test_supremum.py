@@ -14,7 +14,9 @@ from brdfcheck.brdf.factors import Factor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import CookTorrance
+from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.zonal import Zonal
 from brdfcheck.verdict import Verdict, judge
 from brdfcheck.verdict.climb import climb
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, supremum
@@ -72,7 +74,7 @@ class Planted(PointwiseAlbedo):
         self.anisotropic = anisotropic
         self.evaluator = None
         self._function = function or anisotropic  # the exact engines know no azimuth
-        self.engine = "adaptive" if self._function else "zonal"
+        self.engine = Adaptive if self._function else Zonal
         self._surface, self._error, self._coarse = surface, error, coarse
 
     def __call__(self, parameters, cos_theta, azimuth, *, rtol=None):

@@ -13,8 +13,9 @@ from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.operations import elements
-from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature import tables
+from brdfcheck.quadrature.half_vector import HalfVector
+from brdfcheck.quadrature.zonal import Zonal
 
 FAMILIES = {
     "phong": Phong,
@@ -67,7 +68,9 @@ def test_order_and_repeats_do_not_matter():
 def test_a_table_by_name_is_compiled_once(name, monkeypatch):
     traced = []
     monkeypatch.setattr(tables, "_block", lambda *given, original=tables._block: traced.append(1) or original(*given))
-    monkeypatch.setattr(directional, "one", lambda *given, one=directional.one: traced.append(1) or one(*given))
+    for engine in (Zonal, HalfVector):
+        one = engine.integrate
+        monkeypatch.setattr(engine, "integrate", lambda *given, one=one: traced.append(1) or one(*given))
     mu = np.array([0.2, 0.3, 0.9])
     albedo_table(name, [1.0, 1.2, 1.9], mu)
     first = len(traced)

@@ -38,7 +38,7 @@ def test_a_measurement_holds_what_a_chart_needs():
 def test_float32_beside_float64():
     narrow = single(SMOOTH)
     assert narrow.dtype == np.float32
-    wide, rough = (measure(RULES["zonal"](24), case, repeats=1) for case in (SMOOTH, narrow))
+    wide, rough = (measure(RULES["zonal"](6), case, repeats=1) for case in (SMOOTH, narrow))
     assert wide.error < 1e-13
     assert 1e-10 < rough.error < 1e-5
     assert rough.dtype == "float32"

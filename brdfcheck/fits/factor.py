@@ -124,7 +124,7 @@ class RawAlbedo:
 
     def grid(self) -> np.ndarray:
         """Exponents to begin with, the ends of the range among them."""
-        return spread(self.low, self.high, 257 if self._albedo.engine == "zonal" else 65 if self.fast else 33)
+        return spread(self.low, self.high, (257, 65, 33, 33)[self._albedo.effort])
 
     def __call__(self, n: np.ndarray) -> np.ndarray:
         """The raw albedo at normal incidence (or the cosine nearest to it that the family allows), shape (points,)."""

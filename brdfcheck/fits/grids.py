@@ -175,7 +175,7 @@ def _tabulated(family: Family, sampler: Sampler, count: tuple[int, int], placeme
         mu,
         values,
         errors,
-        sampler.albedo.engine,
+        sampler.albedo.engine_name,
         sampler.form,
         sampler.factor,
         sampler.factored,

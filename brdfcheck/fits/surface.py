@@ -32,8 +32,8 @@ DEGREES = ((4, 3), (5, 2))
 """Total degrees of numerator and denominator that are tried where neither a degree nor a tolerance is given."""
 
 _RISING_DEGREES = ((2, 1), (3, 2), (4, 2), (4, 3), (5, 2), (5, 3))
-_GRIDS = {"zonal": ((33, 29), 129), "half-vector": ((25, 25), 65)}
-_SLOW_GRIDS = ((11, 11), 13)
+# By `PointwiseAlbedo.effort`: exponents and cosines of the grid that is fitted, and of the finer one along each axis.
+_GRIDS = (((33, 29), 129), ((25, 25), 65), ((11, 11), 13), ((11, 11), 13))
 _PATCH = 17
 # Grids larger than this are thinned for the first trials; so many of these are then looked at on the whole grid.
 _FEW = 400
@@ -224,12 +224,11 @@ class _Problem:
 
     def __init__(self, family: Family):
         self.sample = Sampler(family, None)
-        engine = self.sample.albedo.engine
-        if engine != "zonal":  # a fit is good to 1e-4 at best: where accuracy costs time, little of it is asked for
+        effort, self.fast = self.sample.albedo.effort, self.sample.albedo.fast
+        if effort > 0:  # a fit is good to 1e-4 at best: where accuracy costs time, little of it is asked for
             self.sample = Sampler(family, 1e-6)
-        self.fast = engine in _GRIDS
         self.family = family
-        sizes, finer = _GRIDS.get(engine, _SLOW_GRIDS)
+        sizes, finer = _GRIDS[effort]
         varies = [low < high for low, high in (self.sample.range, family.cos_theta)]
         points = [_lobatto(size if many else 1) for size, many in zip(sizes, varies, strict=True)]
         self.parameter, self.mu = self._spread(points[0]), self._angles(points[1])

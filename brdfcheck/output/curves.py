@@ -41,12 +41,13 @@ class _Effort:
     rtol: float | None
 
 
-_EFFORTS = {
-    "zonal": _Effort(241, 33, 129, 3, 1, None),
-    "half-vector": _Effort(61, 21, 97, 2, 1, None),
-    "adaptive": _Effort(25, 9, 33, 1, 4, 1e-6),
-    "adaptive (numpy)": _Effort(17, 7, 25, 1, 4, 1e-6),
-}
+# By `PointwiseAlbedo.effort`.
+_EFFORTS = (
+    _Effort(241, 33, 129, 3, 1, None),
+    _Effort(61, 21, 97, 2, 1, None),
+    _Effort(25, 9, 33, 1, 4, 1e-6),
+    _Effort(17, 7, 25, 1, 4, 1e-6),
+)
 
 
 # --- the four kinds ---
@@ -63,7 +64,7 @@ def albedo_vs_n(
     """
     family = as_family(target, ranges, cos_theta)
     albedo = PointwiseAlbedo(family)
-    effort = _EFFORTS[albedo.engine]
+    effort = _EFFORTS[albedo.effort]
     parameter = _swept(family)
     worst = _supremum(albedo)
     low, high = family.ranges[parameter]
@@ -111,7 +112,7 @@ def albedo_vs_angle(
         if low != high:
             raise ValueError(f"{family.name}: {name} runs over {low:g}:{high:g}; a curve over angles needs one value of it")
     albedo = PointwiseAlbedo(family)
-    effort = _EFFORTS[albedo.engine]
+    effort = _EFFORTS[albedo.effort]
     place = np.array([[low for low, _ in family.ranges.values()]])
     worst = _supremum(albedo)
 
@@ -148,7 +149,7 @@ def heatmap(
     """
     family = as_family(target, ranges, cos_theta)
     albedo = PointwiseAlbedo(family)
-    effort = _EFFORTS[albedo.engine]
+    effort = _EFFORTS[albedo.effort]
     parameter = _swept(family)
     low, high = family.ranges[parameter]
     if low == high or family.cos_theta[0] == family.cos_theta[1]:
@@ -269,7 +270,7 @@ def _head(kind: str, family: Family, albedo: PointwiseAlbedo, parameter: str | N
         "kind": kind,
         "name": family.name,
         "formula": formula,
-        "engine": albedo.engine,
+        "engine": albedo.engine_name,
         "parameter": parameter,
         "range": None if parameter is None else [number(bound) for bound in family.ranges[parameter]],
         "held": {} if parameter is None else held,

@@ -8,7 +8,8 @@ closed form as values of wi.H = cos(gamma) cos(theta) + sin(gamma) sin(theta) co
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,8 +20,11 @@ from brdfcheck.brdf.base import AbstractMicrofacetLobe
 from brdfcheck.geometry import safe_root
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
+from brdfcheck.quadrature.rule import AbstractDigits, Raw, bar, checked_digits
 
 _TINY = 1e-18
+# How much larger than the difference of two rules the error may be: measured up to 3.4 for very rough facets.
+_CAUTION = 6
 
 
 class HalfVectorOrder(NamedTuple):
@@ -28,6 +32,53 @@ class HalfVectorOrder(NamedTuple):
 
     polar: Order
     azimuth: int
+
+
+@final
+class HalfVector(AbstractDigits):
+    """Engine 2: two-dimensional over the half vector, for microfacet lobes.
+
+    `digits`: the decimal digits aimed at, 9.6 by default. The error is six times the difference of two rules, and what was
+    aimed at. ValueError for digits that are not a number above 0, at most 16.
+    """
+
+    digits: float = eqx.field(static=True)
+    name: ClassVar[str] = "half-vector"
+    family: ClassVar[str] = "half-vector"
+    ladder: ClassVar[tuple[Any, ...]] = (1, 2, 3, 4, 5, 6, 8, 9)
+    needs: ClassVar[str] = "a microfacet lobe"
+    random: ClassVar[bool] = False
+    on_host: ClassVar[bool] = False
+    best: ClassVar[float] = 2.5e-10
+    effort: ClassVar[int] = 1
+    batch: ClassVar[int] = 1  # one incidence fills the cache; measured three times faster than sixteen at once
+    chunk: ClassVar[int] = 64
+
+    def __init__(self, digits: float = -math.log10(2.5e-10)):
+        self.digits = checked_digits(digits)
+
+    def applies(self, core: Any, cos_theta: Any) -> bool:
+        return isinstance(core, AbstractMicrofacetLobe)
+
+    def orders(self, dtype: Any, cut: bool) -> tuple[HalfVectorOrder, HalfVectorOrder]:
+        """The fine rule and the coarse one. `cut`: the circle is cut at kinks, so that its pieces are short."""
+        digits = self.within(dtype)
+        if cut:  # six panels, square roots at their ends, up to three smooth pieces in azimuth
+            circle, past, azimuth, grading = 4 * digits, 4.8 * digits, 1.4 * digits, (2, 3)
+        else:
+            circle, past, azimuth, grading = 4.8 * digits, 9.6 * digits + 12, 4 * digits, (1, 3)
+        fine, coarse = (
+            HalfVectorOrder(Order(math.ceil(part * circle), math.ceil(part * past), grading, (3, 3)), math.ceil(part * azimuth))
+            for part in (1.0, 0.86)
+        )
+        return fine, coarse
+
+    def integrate(self, core: AbstractMicrofacetLobe, mu: Float[Array, ""], key: Any = None) -> Raw:
+        cut = core.azimuth_breaks(jnp.ones(1, mu.dtype), mu).shape[0] > 0
+        (fine, coarse), count = half_vector_albedo(core, mu, self.orders(mu.dtype, cut))
+        # In two dimensions the difference of two rules may vanish by chance; never claim more than what was aimed at.
+        aimed = 10 ** -self.within(mu.dtype) * jnp.abs(fine)
+        return Raw(fine, bar(fine, coarse, aimed, caution=_CAUTION), count)
 
 
 def half_vector_albedo(

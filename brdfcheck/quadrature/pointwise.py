@@ -16,19 +16,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side
 from brdfcheck.brdf.factors import has_engine, peel
 from brdfcheck.brdf.family import Family, corners
-from brdfcheck.quadrature.albedo import Albedo, adaptive_albedo, paired_lobes
+from brdfcheck.quadrature.albedo import Albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
+from brdfcheck.quadrature.functions import Adaptive, adaptive_albedo
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.limit import grazing_limit
+from brdfcheck.quadrature.registry import engine_of
+from brdfcheck.quadrature.rule import AbstractEngine
 
 Rule = GradedRule | Mesh
 
-CHUNK = 256
-_CHUNK_2D = 64
 GRAZING = 1e-9
 """The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
 
@@ -66,9 +66,9 @@ class Seen:
 class PointwiseAlbedo:
     """Callable: (parameters (points, names), cos_theta (points,), azimuth (points,)) -> value, error, both (points,).
 
-    `engine` names the engine, `anisotropic` says whether the azimuth matters, `evaluations` counts the BRDF's evaluations,
-    `epsilon` is the rounding of the BRDF's values. Parameters whose range is one value are held: the BRDF is built with
-    that number. Raises Finding where a user's BRDF fails.
+    `engine` is the engine, `engine_name` what reports call it. `anisotropic` says whether the azimuth matters, `evaluations`
+    counts the BRDF's evaluations, `epsilon` is the rounding of the BRDF's values. Parameters whose range is one value are held:
+    the BRDF is built with that number. Raises Finding where a user's BRDF fails.
     """
 
     def __init__(self, family: Family):
@@ -87,12 +87,26 @@ class PointwiseAlbedo:
         self.epsilon = float(jnp.finfo(float).eps)
         if self._template is None:
             self.evaluator = Evaluator(self._build, {name: middle[name] for name in self.swept})
-            self.engine = "adaptive (numpy)" if self.evaluator.slow else "adaptive"
+            self.engine: type[AbstractEngine] = Adaptive
             self.epsilon = self.evaluator.epsilon
             self.anisotropic = _turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
         else:
-            core = peel(self._template)[0]
-            self.engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
+            self.engine = engine_of(self._template)
+
+    @property
+    def engine_name(self) -> str:
+        """The name of the engine; of a function that JAX cannot trace with " (numpy)"."""
+        return f"{self.engine.name} (numpy)" if self.slow else self.engine.name
+
+    @property
+    def slow(self) -> bool:
+        """True for a function that JAX cannot trace."""
+        return self.evaluator is not None and self.evaluator.slow
+
+    @property
+    def effort(self) -> int:
+        """What a point costs, from 0 to 3: that of the engine, and more where numpy evaluates the function."""
+        return self.engine.effort + self.slow
 
     @property
     def _build(self) -> Callable[..., Any]:
@@ -122,16 +136,13 @@ class PointwiseAlbedo:
     @property
     def levels(self) -> int:
         """How many levels `estimate` has."""
-        return len(_LEVELS) if self.evaluator is not None else 1 if self.engine == "zonal" else 2
+        return len(_LEVELS) if self.evaluator is not None else 1 + self.engine.effort
 
     @property
     def monotone(self) -> bool:
         """True for lobes that are largest at normal incidence, by theorem."""
-        return (
-            self.engine == "zonal"
-            and bool(getattr(peel(self._template)[0], "monotone", False))
-            and not _per_cosine(self._template)
-        )
+        template = self._template
+        return template is not None and bool(getattr(peel(template)[0], "monotone", False)) and not _per_cosine(template)
 
     def brdfs(self, parameters: np.ndarray) -> Any:
         """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
@@ -171,7 +182,7 @@ class PointwiseAlbedo:
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
         core = peel(self._template)[0]
-        chunk = CHUNK if self.engine == "zonal" else _CHUNK_2D
+        chunk = self.engine.chunk
         padding = (0, -len(cos_theta) % chunk)
         mu = np.pad(cos_theta, padding, mode="edge")
         brdfs = self.brdfs(np.pad(parameters, (padding, (0, 0)), mode="edge"))

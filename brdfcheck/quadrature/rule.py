@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import equinox as eqx
 import jax
@@ -26,10 +27,13 @@ from brdfcheck.geometry import safe_root
 # Directions evaluated together; bounds the memory of fine settings.
 _BLOCK = 2**16
 
+# Rounding of a weighted sum in units of the machine epsilon: nodes, weights and profile each contribute a few.
+ROUNDING = 32
+
 OK, NOT_REACHED, NOT_FINITE, NOT_KNOWN = range(4)
 MESSAGES = {
     OK: "ok",
-    NOT_REACHED: "the tolerance was not reached: allow more evaluations or ask for less",
+    NOT_REACHED: "the tolerance was not reached: allow more evaluations or loosen the tolerance",
     NOT_FINITE: "the BRDF or the sum was not finite",
     NOT_KNOWN: "no closed form is known at this cosine: use another rule",
 }
@@ -150,6 +154,62 @@ class AbstractRule(eqx.Module):
         return Estimate(value, error, jnp.asarray(raw.evaluations), status)
 
 
+class AbstractEngine(AbstractRule):
+    """A rule that verdicts, tables, sweeps and charts rest on: it knows what accuracy it can reach, and what it costs.
+
+    Its setting is an accuracy. Whoever needs an albedo asks `brdfcheck.quadrature.registry.engine_of` for the engine of a BRDF.
+    """
+
+    # The relative accuracy that it reaches.
+    best: eqx.AbstractClassVar[float]
+    # What a point costs, from 0: how densely one can afford to look at a BRDF goes by it.
+    effort: eqx.AbstractClassVar[int]
+    # Incidences integrated together in a large request, which bounds its memory.
+    batch: eqx.AbstractClassVar[int]
+    # Incidences of one program where many BRDFs are looked at.
+    chunk: eqx.AbstractClassVar[int]
+
+    @classmethod
+    @abc.abstractmethod
+    def at(cls, rtol: float | None) -> Self:
+        """The engine at a relative accuracy, None for its best. ValueError where that is not between 0 and 1."""
+
+    @abc.abstractmethod
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any = None) -> Raw:
+        """The albedo of a BRDF without wrappers at one cosine."""
+
+
+def checked_rtol(rtol: Any) -> float:
+    """`rtol` as a float; ValueError where it is not between 0 and 1."""
+    if isinstance(rtol, bool) or not isinstance(rtol, (int, float, np.floating)) or not 0 < rtol < 1:
+        raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
+    return float(rtol)
+
+
+class AbstractDigits(AbstractEngine):
+    """An engine in pure JAX whose setting is a number of digits: its nodes are those at which the worst lobe has as many.
+
+    In a precision with fewer digits it aims at those that there are.
+    """
+
+    digits: eqx.AbstractVar[float]
+
+    @classmethod
+    def at(cls, rtol: float | None) -> Self:
+        return cls(-math.log10(cls.best if rtol is None else checked_rtol(rtol)))  # pyright: ignore[reportCallIssue]
+
+    def within(self, dtype: Any) -> float:
+        """The digits to aim at in a precision."""
+        return min(self.digits, -math.log10(float(jnp.finfo(dtype).eps)) - 1)
+
+
+def checked_digits(value: Any) -> float:
+    """`value` as it is; ValueError where it is not a number above 0 and up to 16."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0 < value <= 16:
+        raise ValueError(f"digits must be a number above 0, at most 16; got {value!r}")
+    return float(value)
+
+
 class AbstractLightRule(AbstractRule):
     """A rule that evaluates the BRDF from the direction to the light.
 
@@ -262,9 +322,13 @@ def by_blocks(function: Callable[..., Any], tables: tuple[Array, ...], blocks: i
     return jax.tree.map(lambda part: jnp.sum(part, axis=0), found)
 
 
-def bar(fine: Array, coarse: Array, epsilon: float) -> Array:
-    """The difference of two rules, and 32 roundings."""
-    return jnp.abs(fine - coarse) + 32 * epsilon * jnp.abs(fine)
+def bar(fine: Any, coarse: Any, more: Any = 0.0, *, caution: float = 1, xp: Any = jnp) -> Any:
+    """The error bar of two rules, with `xp` numpy or jax.numpy.
+
+    `caution` times their difference and the rounding of the sum, and `more`; inf where that overflows.
+    """
+    error = caution * (xp.abs(fine - coarse) + ROUNDING * float(xp.finfo(fine.dtype).eps) * xp.abs(fine)) + more
+    return xp.where(xp.isfinite(error), error, xp.inf)
 
 
 def _called(brdf: Any) -> str:

@@ -35,6 +35,8 @@ from brdfcheck.cores import available_cores
 from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature.albedo import Albedo
 from brdfcheck.quadrature.polar import Order
+from brdfcheck.quadrature.registry import engine_of
+from brdfcheck.quadrature.rule import ROUNDING
 from brdfcheck.quadrature.zonal import zonal_weights
 from brdfcheck.runtime import double_precision, is_double
 
@@ -115,7 +117,7 @@ def _block(lobe_of_n: Callable[[Array], AbstractZonalLobe], plan: _Plan, n: Arra
     checked = fine[::_CHECKED]
     # The worst exponent speaks for its column: a single difference of two rules may vanish by chance.
     relative = 4 * jnp.max(jnp.abs(checked - coarse) / jnp.abs(checked), axis=0)
-    relative = relative + directional.ROUNDING * float(jnp.finfo(mu.dtype).eps)
+    relative = relative + ROUNDING * float(jnp.finfo(mu.dtype).eps)
     if not interpolated:
         return fine, relative
     logarithm = jnp.log(fine)
@@ -155,18 +157,19 @@ def _shared_nodes(
 
 @eqx.filter_jit
 def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float | None) -> tuple[Array, Array, int]:
-    batch = directional.batch_size(peel(brdf_of_n(n[0]))[0])
+    engine = engine_of(brdf_of_n(n[0])).at(rtol)
     count = 0
 
     def cell(index: Array) -> tuple[Array, Array]:
         nonlocal count
         core, scale = peel(brdf_of_n(n[index // mu.size]))
         cosine = mu[index % mu.size]
-        value, error, count = directional.one(core, cosine, rtol)
-        return value * scale(cosine), error * jnp.abs(scale(cosine))
+        found = engine.integrate(core, cosine)
+        count = found.evaluations
+        return found.value * scale(cosine), found.error * jnp.abs(scale(cosine))
 
     size = n.size * mu.size
-    value, error = directional.batched(cell, jnp.arange(size), size, batch)
+    value, error = directional.batched(cell, jnp.arange(size), size, engine.batch)
     shape = (n.size, mu.size, *value.shape[1:])
     return value.reshape(shape), error.reshape(shape), count
 
@@ -275,7 +278,6 @@ def albedo_table(
         value, error = (np.stack([np.asarray(getattr(row, part)) for row in rows]) for part in ("value", "error"))
         return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
     core = peel(shape)[0]
-    engine = "zonal" if isinstance(core, AbstractZonalLobe) else "half-vector"
     plan = _plan(core)
     order = np.argsort(exponents, kind="stable")
     rising = exponents[order].astype(mu.dtype)
@@ -298,7 +300,7 @@ def albedo_table(
     if np.any(order[1:] < order[:-1]):
         back = np.argsort(order, kind="stable")
         value, error = value[back], error[back]
-    return Albedo(value, error, jnp.asarray(max(counts)), engine)
+    return Albedo(value, error, jnp.asarray(max(counts)), engine_of(shape).name)
 
 
 def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:

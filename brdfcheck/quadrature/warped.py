@@ -143,4 +143,4 @@ class TanhSinh(AbstractLightRule):
             return jnp.einsum("ij...,ir,jr->r...", values, rows, columns)
 
         fine, rough = by_blocks(rings, (angle, height, rows), block_count(angle.size, azimuth.size))
-        return Raw(fine, bar(fine, rough, float(jnp.finfo(mu.dtype).eps)), angle.size * azimuth.size)
+        return Raw(fine, bar(fine, rough), angle.size * azimuth.size)

@@ -13,7 +13,7 @@ from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.brdf.factors import peel
 from brdfcheck.messages import one_line
-from brdfcheck.quadrature.albedo import one
+from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
 from brdfcheck.sweep.subjects import of_type
@@ -91,9 +91,9 @@ def of_cell(plan: Plan, combination: tuple[int, ...]) -> Callable:
         parameters = {name: value for name, value in numbers.items() if name not in ANGLES}
         mu = numbers["cos_theta"]
         core, scale = peel(of_type(subject.build(**parameters), dtype))
-        value, error, count = one(core, mu, rtol)
+        found = engine_of(core).at(rtol).integrate(core, mu)
         factor = scale(mu)
-        return value * factor, error * jnp.abs(factor), jnp.asarray(count)
+        return found.value * factor, found.error * jnp.abs(factor), jnp.asarray(found.evaluations)
 
     return cell
 

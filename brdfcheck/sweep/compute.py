@@ -21,9 +21,10 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from brdfcheck.brdf.callables import Evaluator, Finding
-from brdfcheck.brdf.factors import peel
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.quadrature.albedo import adaptive_albedo, batch_size, batched
+from brdfcheck.quadrature.albedo import batched
+from brdfcheck.quadrature.functions import adaptive_albedo
+from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.cells import CELL, dtype_of, evaluator, of_cell
@@ -251,7 +252,7 @@ def _cell_outputs(plan: Plan, chunk: Chunk, value: np.ndarray, error: np.ndarray
 def _cells(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> Callable:
     function = of_cell(plan, combination)
     # Rules bound their memory themselves, for one cell.
-    batch = 1 if plan.engine(combination) == "rule" else batch_size(peel(plan.subject(combination).template)[0])
+    batch = 1 if plan.engine(combination) == "rule" else engine_of(plan.subject(combination).template).batch
 
     def cells(inputs: dict[str, Any]) -> tuple[Any, Any, Any]:
         value, error, count = batched(function, inputs, inputs["cos_theta"].size, batch)

@@ -90,7 +90,7 @@ def check_family(
     albedo: PointwiseAlbedo | None = None
     try:
         albedo = PointwiseAlbedo(family)
-        if albedo.engine == "adaptive (numpy)":
+        if albedo.slow:
             notes.append("JAX cannot trace this function: evaluated with numpy, which is slower")
         if albedo.evaluator is not None:
             findings += _batches(albedo)
@@ -163,7 +163,7 @@ def _report(
         verdict=verdict,
         ranges={**{name: (value, value) for name, value in family.held.items()}, **family.ranges},
         side=side,
-        engine="none" if albedo is None else albedo.engine,
+        engine="none" if albedo is None else albedo.engine_name,
         anisotropic=albedo is not None and albedo.anisotropic,
         evaluations=0 if albedo is None else albedo.evaluations,
         **found,

@@ -14,7 +14,8 @@ from brdfcheck.brdf.callables import BLOCK, Evaluator
 from brdfcheck.brdf.factors import Normalized
 from brdfcheck.brdf.family import corners
 from brdfcheck.quadrature.albedo import lobe_values
-from brdfcheck.quadrature.pointwise import CHUNK, PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.zonal import Zonal
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -114,7 +115,7 @@ def _zonal_values(lobes: AbstractZonalLobe, wi: np.ndarray, wo: np.ndarray) -> n
     """What a call of the lobes gives, put together from their geometry and their profile."""
     versine = np.asarray(_versines(wi, wo)[lobes.form])
     visible = versine < 1 if lobes.form == "mirror" else np.ones(len(versine), bool)
-    values = lobe_values(lobes, np.where(visible, versine, 0), CHUNK)
+    values = lobe_values(lobes, np.where(visible, versine, 0), Zonal.chunk)
     return np.where(visible if values.ndim == 2 else visible[:, None], values, 0)
 
 

@@ -14,7 +14,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.quadrature.exact import host_evaluator
+from brdfcheck.quadrature.functions import host_evaluator
 from brdfcheck.quadrature.rule import AbstractRule, Raw
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
@@ -72,7 +72,8 @@ class Integrand:
 
     def __init__(self, core: Callable[..., Any], mu: Float[Array, ""]):
         self.theta = math.acos(float(mu))
-        self._evaluate = host_evaluator(core, np.array([math.sin(self.theta), 0.0, float(mu)]), mu.dtype)
+        wi, evaluate = np.array([math.sin(self.theta), 0.0, float(mu)]), host_evaluator(core, mu.dtype)
+        self._evaluate = lambda wo: evaluate(np.broadcast_to(wi, wo.shape), wo)
         self.evaluations = 0
 
     def __call__(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
