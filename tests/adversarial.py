@@ -783,7 +783,17 @@ def _metal(tint: float, ax: float, ay: float, xp: Any) -> Brdf:
 
 @_kind("grazing limit")
 def _grazing_limit(random: Generator, xp: Any) -> Case:
-    truth, which = _target(random), _one_of(random, "power", "lunar", "metal", "fresnel")
+    truth, which = _target(random), _one_of(random, "power", "lunar", "metal", "fresnel", "logarithm")
+    if which == "logarithm":  # so slow that the limit is known to a few thousandths
+        truth = _one_of(random, _uniform(random, 0.5, 0.95), _uniform(random, 1.05, 1.5))
+        offset, power = _uniform(random, 0.5, 3), _one_of(random, 1, 2)
+        share = _uniform(random, 0.2, 0.9) * offset**power
+        # 2 c dc = -e^-2x d(2x) with c = e^-x: Laguerre's rule in 2x.
+        x, weight = np.polynomial.laguerre.laggauss(60)
+        mean = float(np.sum(weight * (1 - share / (offset + x / 2) ** power)))
+        g = lambda c: 1 - share / (offset - xp.log(c)) ** power
+        f = lambda wi, wo: truth / (np.pi * mean) * g(wi[..., 2]) * g(wo[..., 2])
+        return Case(lambda: f, truth, place={"cos_theta": 0.0}, curve=lambda mu: truth * g(mu))
     if which == "metal":
         alpha = _uniform(random, 0.1, 0.6)
         metal = _metal(truth, alpha, alpha, xp)

@@ -266,6 +266,7 @@ GRAZING = [
         place=AT_THE_HORIZON,
         slow=True,
     ),
+    Case("logarithm", cases.grazing_logarithm, VIOLATES, 1.004, {"s": (0.5, 1.0)}, accuracy=1e-6, error=3e-3),
     Case("inverse square", cases.inverse_square_cosines, VIOLATES, GROWS, text="grows without bound|infinite"),
     Case(
         "ward",
@@ -539,6 +540,14 @@ def test_all_pairs_take_little_memory(name: str, effort: str, said: str) -> None
     assert done.returncode == 0, done.stderr
     assert re.search(said, done.stdout), done.stdout
     assert int(done.stdout.split()[-1]) < 2 << 30
+
+
+def test_an_integrable_singularity_is_no_pole() -> None:
+    report = check(cases.singular_line)
+    assert report.verdict is not VIOLATES, str(report)
+    assert report.unbounded is None
+    assert abs(report.albedo - 0.839058) <= report.error
+    assert any("not finite" in finding for finding in report.findings)
 
 
 # --- the command line ---

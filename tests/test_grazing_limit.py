@@ -27,14 +27,32 @@ def test_a_power_of_the_cosine(power: float, slope: float):
 
 
 @pytest.mark.parametrize("error", [1e-12, 1e-9])
-@pytest.mark.parametrize(
-    "power", [*POWERS, pytest.param(0.05, marks=pytest.mark.xfail(reason="so slow a power is not told from a constant"))]
-)
+@pytest.mark.parametrize("power", [*POWERS, 0.02, 0.05])
 def test_a_power_of_any_size_is_in_the_bar(power: float, error: float):
     """Also where the differences are as small as the errors."""
     for size in np.geomspace(1e-13, 1, 200):
         value, bar = limit(lambda mu, size=size: 0.7 - size * mu**power, error)
         assert abs(value - 0.7) <= bar, size
+
+
+@pytest.mark.parametrize("slope", [0.9, -0.9, 0.01, -1e-4])
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize("offset", [0.3, 1.0, 5.0])
+def test_a_power_of_the_logarithm(offset: float, power: float, slope: float):
+    value, bar = limit(lambda mu: 0.7 - slope / (offset - np.log(mu)) ** power, 1e-11)
+    assert abs(value - 0.7) <= bar
+    assert bar < 0.15 * abs(slope)
+    assert abs(value - 0.7) < abs(slope) / (offset - np.log(1e-9)) ** power  # nearer than the last decade
+
+
+@pytest.mark.parametrize("function", [lambda mu: np.log(1 - np.log(mu)), lambda mu: np.sqrt(1 - np.log(mu))])
+def test_growth_slower_than_a_logarithm_has_no_limit(function: Callable[[float], float]):
+    assert limit(function) == (np.inf, np.inf)
+
+
+def test_where_the_square_of_the_cosine_underflows_the_decades_count():
+    value, bar = limit(lambda mu: 0.7 - 0.3 / (1 - np.log(mu)) if mu > 1e-100 else 0.0, 1e-11)
+    assert abs(value - 0.7) <= bar
 
 
 @pytest.mark.parametrize("power", [0.2, 0.3, 0.5])
@@ -64,7 +82,7 @@ def test_values_that_differ_by_their_errors_only():
         seen: dict[float, float] = {}
         value, bar = limit(lambda mu: seen.setdefault(mu, 0.4 + random.uniform(-1e-7, 1e-7)), 1e-7)  # noqa: B023
         assert abs(value - 0.4) <= bar
-        assert bar < 2e-6
+        assert bar < 5e-6  # 25 times the last change: a slow power might hide in it
 
 
 GROWTH = {

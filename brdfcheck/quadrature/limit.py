@@ -3,7 +3,9 @@ r"""The limit of an albedo at grazing incidence, from its values at decades of t
 Towards grazing, albedos behave like a + b mu^p, or they grow without bound like mu^-p or -log(mu). On decades the differences
 of a + b mu^p have the constant ratio q = 10^-p: Aitken's extrapolation is exact for any p, square roots and tenth powers too.
 Done twice it takes the next power along, mu beside a square root.
-Where q does not stay below 1 the values are followed to cosines so small that no guard of the form max(mu, 1e-12) holds them.
+Where q is close to 1, so that it may be a + b / log(1/mu)^p, cosines are taken whose logarithms double: there those differences
+have a constant ratio. Where q does not stay below 1 the values are followed to cosines so small that no guard of the form
+max(mu, 1e-12) holds them.
 """
 
 from __future__ import annotations
@@ -17,6 +19,13 @@ _COSINES = 10.0 ** -np.arange(3.0, 10.0)
 _BEYOND = 10.0 ** -np.array([12.0, 15.0, 20.0, 30.0])
 # Differences of successive decades with a ratio below this have a limit; above it they grow like a logarithm or faster.
 _SLOWEST = 0.93
+# With a ratio above this (mu^0.35) it may be a power of the logarithm by which the limit is approached, whose ratio creeps up
+# to 1. On this ladder, where each logarithm is twice the one before, such differences have a constant ratio too. It ends where
+# the square of the cosine is still a number.
+_SLOW, _CREEP = 0.45, 0.005
+# How many times the last difference may be left to go where the differences are too small to tell: for mu^0.02 it is 21.
+_UNKNOWN = 25.0
+_FAR = 10.0 ** -(9.375 * 2.0 ** np.arange(5))
 
 
 def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -37,12 +46,17 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
     with np.errstate(all="ignore"):
         change = np.abs(value - before)
     if np.all(change <= np.maximum(2 * error, 1e-14)):
-        return value, error + 2 * change
+        return value, error + _UNKNOWN * change
     values, errors = (np.stack(part) for part in zip(*(at(cosine) for cosine in _COSINES), strict=True))
     flat, flat_errors = values.reshape(len(values), -1), errors.reshape(len(values), -1)
     pairs = [_extrapolated(flat[:, i], flat_errors[:, i]) for i in range(flat.shape[1])]
     limits, bars = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
     rising = np.isposinf(limits)
+    slow = np.array([_creeps(flat[:, i], flat_errors[:, i]) for i in range(len(limits))])
+    if np.any(rising | slow):
+        far, far_errors = (np.stack(part).reshape(len(_FAR), -1) for part in zip(*(at(cosine) for cosine in _FAR), strict=True))
+        for i in np.flatnonzero(slow):
+            limits[i], bars[i] = _creeping(far[:, i], far_errors[:, i], limits[i], bars[i])
     if np.any(rising):
         farther = [at(cosine) for cosine in _BEYOND]
         ladder = np.concatenate([[-9.0], np.log10(_BEYOND)])
@@ -50,10 +64,10 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
             values = np.array([flat[-1, i], *(np.ravel(value)[i] for value, _ in farther)])
             bars_beyond = np.array([flat_errors[-1, i], *(np.ravel(error)[i] for _, error in farther)])
             if not _goes_on(ladder, values, bars_beyond):
-                # It is held somewhere: the last value is as near to the limit as can be told.
+                # It is held somewhere, and the last value is as near to the limit as can be told; or it grows ever more slowly.
                 last = np.flatnonzero(np.isfinite(values))[-1]
                 spread = np.abs(values[last] - values[max(last - 1, 0)])
-                limits[i], bars[i] = values[last], bars_beyond[last] + spread
+                limits[i], bars[i] = _creeping(far[:, i], far_errors[:, i], values[last], bars_beyond[last] + spread)
     return limits.reshape(value.shape), bars.reshape(value.shape)
 
 
@@ -64,12 +78,13 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
     steps = np.diff(values)
     noise = errors[1:] + errors[:-1]
     last, error = values[-1], errors[-1]
-    if abs(steps[-1]) <= 2 * noise[-1]:  # no more change than the errors allow
-        return last, error + 10 * abs(steps[-1])
     told = np.abs(steps) > 4 * noise
-    if not np.all(told[-3:]):
-        return last, error + 10 * abs(steps[-1])
-    ratios = steps[1:] / steps[:-1]
+    with np.errstate(all="ignore"):
+        ratios = steps[1:] / steps[:-1]
+    if abs(steps[-1]) <= 2 * noise[-1] or not np.all(told[-3:]):  # hardly more change than the errors allow
+        known = ratios[told[1:] & told[:-1]]
+        q = float(np.clip(known[-1], 0, _SLOWEST)) if known.size else 1.0
+        return last, error + abs(steps[-1]) * min(3 * q / max(1 - q, 1e-9) + 3, _UNKNOWN)
     if ratios[-1] <= 0 or ratios[-2] <= 0:  # it wobbles
         return last, error + float(np.max(np.abs(steps[-3:])))
     if ratios[-1] >= _SLOWEST:
@@ -80,6 +95,36 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
     twice, twice_errors = _aitken(once, once_errors)
     again = twice_errors[-1] + 1.4 * abs(twice[-1] - twice[-2])
     return (twice[-1], again) if again < bar else (limit, bar)
+
+
+def _creeps(values: np.ndarray, errors: np.ndarray) -> bool:
+    """True where the differences of the last decades hardly shrink, and less and less as far as is known."""
+    if not np.all(np.isfinite(values[-4:])):
+        return False
+    steps, noise = np.diff(values)[-3:], errors[-3:] + errors[-4:-1]
+    if np.any(np.abs(steps) <= 4 * noise):
+        return False
+    ratios, doubt = steps[1:] / steps[:-1], 2 * np.max(noise / np.abs(steps))
+    return bool(np.all(ratios > 0) and _SLOW < ratios[-1] < _SLOWEST and ratios[-1] - ratios[-2] > _CREEP - doubt)
+
+
+def _creeping(values: np.ndarray, errors: np.ndarray, limit: float, bar: float) -> tuple[float, float]:
+    """The limit of values on a ladder of logarithms that double, with its error; inf where they go on as before.
+
+    `limit` +- `bar` is what the decades said, which holds where the ladder says nothing.
+    """
+    finite = bool(np.all(np.isfinite(values)))
+    steps, noise = np.diff(np.where(np.isfinite(values), values, 0)), errors[1:] + errors[:-1]
+    if finite and abs(steps[-1]) <= 4 * noise[-1]:  # a slow power of the cosine, or held by a guard
+        return float(values[-1]), float(errors[-1] + 3 * abs(steps[-1]))
+    if not finite or not np.all(steps * steps[-1] > 0):  # arithmetic breaks down on the way
+        return limit, bar + (_UNKNOWN * abs(limit - float(values[0])) if np.isfinite(values[0]) else 0)
+    ratio = steps[-1] / steps[-2]
+    if ratio >= _SLOWEST:
+        return (np.inf, np.inf) if steps[-1] > 0 else (float(values[-1]), np.inf)
+    once, once_errors = _aitken(values, errors)
+    left = abs(once[-1] - values[-1])
+    return float(once[-1]), float(once_errors[-1] + 1.4 * abs(once[-1] - once[-2]) + 0.2 * left)
 
 
 def _aitken(values: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

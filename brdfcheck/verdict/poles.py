@@ -13,6 +13,8 @@ SUSPICIOUS = 30.0
 """Values above this are examined for a pole."""
 # How much higher the surroundings are the nearer, and how often in fourteen decades; what is as large as this is infinite.
 _HIGHER, _OFTEN, _ENDLESS = 1.2, 6, 1e15
+# Distances from a pole at which it is looked at by the rule of a verdict, and the accuracy.
+_DISTANCES, _ASKED = (1e-2, 1e-4, 1e-6), 1e-3
 # What is nearer to grazing than this (in the coordinate of the angle) is grazing, and where to look instead.
 _GRAZING, _BESIDE = 1e-3, 0.05
 
@@ -50,7 +52,22 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
     if np.count_nonzero(rising) + np.count_nonzero(nearer) < _OFTEN:
         return None
     found = np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > _ENDLESS
-    return place if found and not _grazing(surface, place) else None
+    return place if found and not _grazing(surface, place) and _grows(surface, place) else None
+
+
+def _grows(surface: Surface, place: np.ndarray) -> bool:
+    """Whether it is the integral that grows towards a place: infinite or none, or higher the nearer one comes.
+
+    A quick rule also grows where one of its nodes nears an integrable singularity of the BRDF.
+    """
+    random = np.random.default_rng(5)
+    offsets = random.uniform(-1, 1, (len(_DISTANCES), surface.box.dimension))
+    offsets /= np.max(np.abs(offsets), axis=1, keepdims=True)
+    places = surface.box.kept(place + np.array(_DISTANCES)[:, None] * offsets)
+    value, error = surface.produce(places, _ASKED)
+    if not np.all(np.isfinite(value)):
+        return True
+    return bool(np.all(value[1:] - error[1:] > _HIGHER * (value[:-1] + error[:-1])))
 
 
 def _grazing(surface: Surface, place: np.ndarray) -> bool:
