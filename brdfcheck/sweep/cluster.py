@@ -22,11 +22,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import SweepError, UsageError, one_line
 from brdfcheck.runtime import use_compilation_cache
-from brdfcheck.sweep import config, provenance
+from brdfcheck.sweep import config
 from brdfcheck.sweep.compute import Computer, Result
-from brdfcheck.sweep.errors import SweepError
+from brdfcheck.sweep.layout import differences, facts
 from brdfcheck.sweep.plan import Chunk, Plan
 
 # Seconds to wait for an answer of the scheduler, for a first worker, for another worker once all have gone, and for the
@@ -38,10 +38,6 @@ _INSTALL = "--scheduler needs Dask: pip install 'brdfcheck[cluster]'"
 
 
 # --- what runs on a worker ---
-
-
-class _WrongWorker(Exception):
-    """A worker whose software or device is not that of the process that writes."""
 
 
 _lock = threading.RLock()
@@ -66,30 +62,25 @@ def facts_here() -> dict[str, Any]:
     """What this process would compute with, for comparison, and how many devices it has."""
     import jax
 
-    return {**provenance.facts(), "devices": jax.local_device_count()}
+    return {**facts(), "devices": jax.local_device_count()}
 
 
-def compute_here(payload: str, facts: dict[str, Any], indices: Sequence[int]) -> list[Result]:
-    """The chunks of these numbers, computed in this process for the configuration in `payload`."""
-    differences = _compared(facts, provenance.facts())
-    if differences:
-        raise _WrongWorker("; ".join(differences))
+def compute_here(payload: str, ours: dict[str, Any], indices: Sequence[int]) -> list[Result]:
+    """The chunks of these numbers, computed in this process for the configuration in `payload`.
+
+    UsageError where its software or its device are not those of the process that writes.
+    """
+    _refuse("a worker", facts(), ours)
     with _lock:  # users' files are imported once
         computer = _computer(payload)
     plan = computer.plan
     return [result for wave in plan.waves(map(plan.chunk, indices), computer.width) for result in computer(wave)]
 
 
-def _compared(ours: dict[str, Any], theirs: dict[str, Any]) -> list[str]:
-    """In words, where a worker's software differs from that of this process."""
-    found = []
-    for name in ("versions", "device"):
-        for key in ours[name]:
-            if ours[name][key] != theirs[name].get(key):
-                found.append(f"{key}: the worker has {theirs[name].get(key, 'none')}, here it is {ours[name][key]}")
-    if not found and ours["source"] != theirs["source"]:
-        found.append("the source of brdfcheck is not the same")
-    return found
+def _refuse(worker: str, theirs: dict[str, Any], ours: dict[str, Any]) -> None:
+    found = differences({name: theirs[name] for name in ours}, ours, "the worker")
+    if found:
+        raise UsageError(f"--scheduler: {worker} does not fit: {'; '.join(found)}")
 
 
 # --- what runs where the store is ---
@@ -125,14 +116,14 @@ class Cluster:
         """These chunks (in program order) as they come, in any order, each once. SweepError where the cluster is lost."""
         client, address = self._client, self.address
         payload = json.dumps({"config": plan.config.document(), "label": plan.config.label, "files": plan.sources})
-        facts = provenance.facts()
+        ours = facts()
         batches = ([chunk.index for chunk in wave] for wave in plan.waves(chunks, self._devices))
         waiting: dict[Any, list[int]] = {}
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         alive = time.monotonic()
         while True:
             while len(waiting) < _AHEAD * max(1, _threads(client)) and (batch := next(batches, None)) is not None:
-                future = client.submit(compute_here, payload, facts, batch, pure=False, retries=0)
+                future = client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
                 waiting[future] = batch
                 future.add_done_callback(finished.put)
             if not waiting:
@@ -204,8 +195,6 @@ def _answer(client: Any, future: Any, address: str) -> list[Result]:
         return future.result(timeout=_RESULT)
     except UsageError:
         raise
-    except _WrongWorker as error:
-        raise UsageError(f"--scheduler: a worker of {address} does not fit: {error}") from None
     except KilledWorker:
         text = "one worker after another died while it computed the same chunk (out of memory?)"
         raise SweepError(f"{text}; the chunks computed so far are kept: run again to continue") from None
@@ -230,13 +219,10 @@ def _checked_workers(client: Any, address: str) -> int:
     except TimeoutError:
         raise UsageError(f"--scheduler: {address} has no workers; start some with: dask worker {address}") from None
     answers = client.run(facts_here, on_error="return")
-    ours = provenance.facts()
     for worker, theirs in answers.items():
         if isinstance(theirs, BaseException) and _is_missing(theirs):
             raise UsageError(f"--scheduler: the worker {worker} has no such brdfcheck: {one_line(theirs)}")
         if isinstance(theirs, BaseException):
             raise SweepError(f"the worker {worker} does not answer: {type(theirs).__name__}: {one_line(theirs)}")
-        differences = _compared(ours, theirs)
-        if differences:
-            raise UsageError(f"--scheduler: the worker {worker} does not fit: {'; '.join(differences)}")
+        _refuse(f"the worker {worker}", theirs, facts())
     return max((theirs["devices"] for theirs in answers.values()), default=1)
