@@ -160,9 +160,8 @@ def test_brdf_rule_and_rtol_are_axes(tmp_path):
     # A catalogue entry keeps its factor whatever k is.
     factors = data.albedo.sel(brdf="binomial-power-half") / data.albedo.sel(brdf="BinomialPower")
     np.testing.assert_allclose(factors.sel(n=30.0), (30 + 7.2427) / 26.1702, rtol=1e-12)
-    axes = {"m": [0.5], "cos_theta": [0.7]}
-    both = sweep({"brdf": "cook-torrance", "rtol": [1e-3, 1e-9], "axes": axes}, tmp_path / "r")
-    assert both.evaluations.sel(rtol=1e-3).item() < both.evaluations.sel(rtol=1e-9).item()
+    both = sweep({"brdf": "phong", "rtol": [1e-3, 1e-12], "axes": {"n": 30.0, "cos_theta": [0.7]}}, tmp_path / "r")
+    assert both.evaluations.sel(rtol=1e-3).item() < both.evaluations.sel(rtol=1e-12).item()
 
 
 def test_a_rule_is_the_registered_one_with_its_setting_or_its_usual_one(tmp_path):
@@ -213,6 +212,9 @@ def glossy(n, ks=1.0):
 def tinted(wi, wo, k_red):
     return jnp.stack([k_red * wo[..., 2], 0.5 * jnp.ones_like(wo[..., 2])], axis=-1)
 
+def styled(wi, wo, n, style="plain", bright=False):
+    return {"plain": 0.1, "fancy": 0.2}[style] * (1 + bright) * wo[..., 2] ** n
+
 def numpy_only(wi, wo):
     return np.full(len(np.asarray(wo)), 0.25 / np.pi)
 
@@ -255,6 +257,9 @@ def test_users_functions(mine):
     assert tinted.albedo.dims == ("k_red", "channel")
     np.testing.assert_allclose(tinted.albedo.sel(channel=1), np.pi / 2, rtol=1e-7)
     np.testing.assert_allclose(tinted.albedo.sel(channel=0), 2 * np.pi / 3 * tinted.k_red, rtol=1e-7)
+    words = {"style": ["plain", "fancy"], "bright": [True, False], "n": 1, "cos_theta": 0.5}
+    styled = sweep({"brdf": "mine.py:styled", "axes": words}, mine / "w", mine).albedo
+    np.testing.assert_allclose(styled, 2 * np.pi / 3 * np.array([[0.2, 0.1], [0.4, 0.2]]), rtol=1e-7)
     plain = {"brdf": "mine.py:numpy_only", "axes": {"cos_theta": [0.6]}}
     np.testing.assert_allclose(sweep(plain, mine / "p", mine).albedo, 0.25, rtol=1e-7)
     assert float(sweep({**plain, "precision": "float32"}, mine / "f", mine).error[0]) > 1e-8

@@ -188,7 +188,8 @@ number = 3
 @pytest.mark.parametrize(
     ("name", "axes", "message"),
     [
-        ("mine.py:glossy", {"n": [1.0], "q": [1.0]}, "has no parameter 'q'"),
+        ("mine.py:glossy", {"n": [1.0], "q": [1.0]}, "has no parameter 'q'; its parameters: n, ks, sheen"),
+        ("mine.py:plain", {"n": [1.0], "q": "low"}, "mine.py:plain has no parameter 'q'; its parameters: n"),
         ("mine.py:glossy", {}, "mine.py:glossy needs an axis n, as in n = {"),
         ("mine.py:glossy", {"n": [1.0], "sheen": [1.5]}, "axes.sheen: must be whole numbers; got 1.5"),
         ("mine.py:nothing", {}, "has no object 'nothing'"),

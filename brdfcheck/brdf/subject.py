@@ -170,7 +170,8 @@ def load(value: Any, *, cos_theta: Range | None = None, **ranges: Range) -> Fami
 
 def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
     """What is said of a parameter that a BRDF does not have."""
-    return f"{name} has no parameter {parameter!r}; its parameters: {', '.join(known) or 'none'}"
+    names = ", ".join(key for key in known if key not in _DIRECTIONS) or "none"
+    return f"{name} has no parameter {parameter!r}; its parameters: {names}"
 
 
 def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
@@ -193,7 +194,7 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
         ranges = {name: _USUAL_RANGES[name] for name in signature.required if name in _USUAL_RANGES}
     unknown = [name for name in ranges if name not in signature.names]
     if unknown and not signature.open:
-        raise UsageError(no_parameter(spec, unknown[0], [name for name in signature.names if name not in _DIRECTIONS]))
+        raise UsageError(no_parameter(spec, unknown[0], signature.names))
     for name in signature.integers & set(ranges):
         low, high = ranges[name]
         if low != high or low != int(low):

@@ -34,7 +34,9 @@ from brdfcheck.sweep.plan import Chunk, Plan
 _ANSWER, _FIRST_WORKER, _NEW_WORKER, _RESULT = 5.0, 10.0, 30.0, 120.0
 # Results waiting for the store, for each thread of the cluster: what bounds the memory of the process that writes.
 _AHEAD = 2
-_INSTALL = "--scheduler needs Dask: pip install 'brdfcheck[cluster]'"
+_KEPT = "the chunks computed so far are kept: run again to continue"
+# What is raised where nobody answers.
+_GONE = (OSError, TimeoutError, asyncio.CancelledError)
 
 
 # --- what runs on a worker ---
@@ -96,25 +98,47 @@ class Cluster:
         try:
             import distributed
         except ImportError:
-            raise UsageError(_INSTALL) from None
+            raise UsageError("--scheduler needs Dask: pip install 'brdfcheck[cluster]'") from None
         _silence("distributed", "tornado", "asyncio")
-        self.address = address
-        self._client = _connected(distributed, address)
+        if not address.strip():  # Dask would start a cluster of its own
+            raise UsageError("--scheduler: the address is empty; it looks like tcp://10.0.0.1:8786")
+        self._address = address
         try:
-            self._devices = _checked_workers(self._client, address)
+            self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
+        except (OSError, TimeoutError):
+            raise UsageError(f"--scheduler: no scheduler answers at {address}; start one with: dask scheduler") from None
+        except (ValueError, TypeError) as error:
+            text = f"--scheduler: {address!r} is no address, as in tcp://10.0.0.1:8786: {one_line(error)}"
+            raise UsageError(text) from None
+        try:
+            self._devices = self._checked_workers()
         except BaseException:
-            _close(self._client)
+            self.__exit__()
             raise
 
     def __enter__(self) -> Cluster:
         return self
 
     def __exit__(self, *_: object) -> None:
-        _close(self._client)
+        with contextlib.suppress(Exception):  # the scheduler may have gone
+            self._client.close(timeout=2)
+
+    def _checked_workers(self) -> int:
+        """Wait for the first worker, compare all that are there with this process, and return the most devices one has."""
+        address = self._address
+        try:
+            self._client.wait_for_workers(1, timeout=_FIRST_WORKER)
+        except TimeoutError:
+            raise UsageError(f"--scheduler: {address} has no workers; start some with: dask worker {address}") from None
+        answers = self._client.run(facts_here, on_error="return")
+        for worker, theirs in answers.items():
+            if isinstance(theirs, BaseException):
+                raise _failure(f"the worker {worker}", theirs)
+            _refuse(f"the worker {worker}", theirs, facts())
+        return max((theirs["devices"] for theirs in answers.values()), default=1)
 
     def results(self, plan: Plan, chunks: Iterable[Chunk]) -> Iterator[Result]:
         """These chunks (in program order) as they come, in any order, each once. SweepError where the cluster is lost."""
-        client, address = self._client, self.address
         payload = json.dumps({"config": plan.config.document(), "label": plan.config.label, "files": plan.sources})
         ours = facts()
         batches = ([chunk.index for chunk in wave] for wave in plan.waves(chunks, self._devices))
@@ -122,8 +146,8 @@ class Cluster:
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         alive = time.monotonic()
         while True:
-            while len(waiting) < _AHEAD * max(1, _threads(client)) and (batch := next(batches, None)) is not None:
-                future = client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
+            while len(waiting) < _AHEAD * max(1, self._threads()) and (batch := next(batches, None)) is not None:
+                future = self._client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
                 waiting[future] = batch
                 future.add_done_callback(finished.put)
             if not waiting:
@@ -131,17 +155,47 @@ class Cluster:
             try:
                 future = finished.get(timeout=1.0)
             except queue.Empty:
-                if _threads(client):
+                if self._threads():
                     alive = time.monotonic()
-                elif time.monotonic() - alive > (_NEW_WORKER if client.status == "running" else _ANSWER):
-                    raise SweepError(_lost(client, address)) from None
+                elif time.monotonic() - alive > (_NEW_WORKER if self._client.status == "running" else _ANSWER):
+                    raise self._lost() from None
                 continue
             alive = time.monotonic()
-            results = _answer(client, future, address)
-            batch = waiting.pop(future)
-            assert [result.index for result in results] == batch
+            results = self._answer(future)
+            assert [result.index for result in results] == waiting.pop(future)
             future.release()
             yield from results
+
+    def _threads(self) -> int:
+        """How many chunks the cluster computes at a time; 0 where it has no workers or does not answer."""
+        if self._client.status != "running":
+            return 0
+        try:
+            return sum(self._client.nthreads().values())
+        except _GONE:
+            return 0
+
+    def _lost(self) -> SweepError:
+        what = "all workers have gone from the scheduler" if self._client.status == "running" else "lost the scheduler"
+        return SweepError(f"{what} at {self._address}; {_KEPT}")
+
+    def _answer(self, future: Any) -> list[Result]:
+        """The results of a task that has ended."""
+        from distributed import KilledWorker
+
+        if future.status not in ("finished", "error"):  # cancelled or lost: the scheduler has gone
+            raise self._lost()
+        try:
+            return future.result(timeout=_RESULT)
+        except UsageError:
+            raise
+        except KilledWorker:
+            text = "one worker after another died while it computed the same chunk (out of memory?)"
+            raise SweepError(f"{text}; {_KEPT}") from None
+        except _GONE:
+            raise self._lost() from None
+        except Exception as error:
+            raise _failure(f"a worker of {self._address}", error) from None
 
 
 def _silence(*packages: str) -> None:
@@ -154,75 +208,9 @@ def _silence(*packages: str) -> None:
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-def _connected(distributed: Any, address: str) -> Any:
-    if not address.strip():  # Dask would start a cluster of its own
-        raise UsageError("--scheduler: the address is empty; it looks like tcp://10.0.0.1:8786")
-    try:
-        return distributed.Client(address, timeout=_ANSWER, set_as_default=False)
-    except (OSError, TimeoutError):
-        raise UsageError(f"--scheduler: no scheduler answers at {address}; start one with: dask scheduler") from None
-    except (ValueError, TypeError) as error:
-        raise UsageError(f"--scheduler: {address!r} is no address, as in tcp://10.0.0.1:8786: {one_line(error)}") from None
-
-
-def _close(client: Any) -> None:
-    with contextlib.suppress(Exception):  # the scheduler may have gone
-        client.close(timeout=2)
-
-
-def _threads(client: Any) -> int:
-    """How many chunks the cluster computes at a time; 0 where it has no workers or does not answer."""
-    if client.status != "running":
-        return 0
-    try:
-        return sum(client.nthreads().values())
-    except (OSError, TimeoutError, asyncio.CancelledError):
-        return 0
-
-
-def _lost(client: Any, address: str) -> str:
-    what = "all workers have gone from the scheduler" if client.status == "running" else "lost the scheduler"
-    return f"{what} at {address}; the chunks computed so far are kept: run again to continue"
-
-
-def _answer(client: Any, future: Any, address: str) -> list[Result]:
-    """The results of a task that has ended."""
-    if future.status not in ("finished", "error"):  # cancelled or lost: the scheduler has gone
-        raise SweepError(_lost(client, address))
-    from distributed import KilledWorker
-
-    try:
-        return future.result(timeout=_RESULT)
-    except UsageError:
-        raise
-    except KilledWorker:
-        text = "one worker after another died while it computed the same chunk (out of memory?)"
-        raise SweepError(f"{text}; the chunks computed so far are kept: run again to continue") from None
-    except (OSError, TimeoutError, asyncio.CancelledError):
-        raise SweepError(_lost(client, address)) from None
-    except Exception as error:
-        if _is_missing(error):
-            raise UsageError(f"--scheduler: a worker of {address} has no such brdfcheck: {one_line(error)}") from None
-        raise SweepError(f"a worker of {address} failed: {type(error).__name__}: {one_line(error)}") from None
-
-
-def _is_missing(error: BaseException) -> bool:
-    """True where a worker could not import what it was to run; Dask wraps such errors in others."""
+def _failure(worker: str, error: BaseException) -> Exception:
+    """What is raised where a worker raises something that is no message. Dask wraps failed imports in other errors."""
     text = f"{type(error).__name__}: {error} {error.__cause__!r}"
-    return any(name in text for name in ("ModuleNotFoundError", "ImportError", "AttributeError"))
-
-
-def _checked_workers(client: Any, address: str) -> int:
-    """Wait for the first worker, compare all that are there with this process, and return the most devices one has."""
-    try:
-        client.wait_for_workers(1, timeout=_FIRST_WORKER)
-    except TimeoutError:
-        raise UsageError(f"--scheduler: {address} has no workers; start some with: dask worker {address}") from None
-    answers = client.run(facts_here, on_error="return")
-    for worker, theirs in answers.items():
-        if isinstance(theirs, BaseException) and _is_missing(theirs):
-            raise UsageError(f"--scheduler: the worker {worker} has no such brdfcheck: {one_line(theirs)}")
-        if isinstance(theirs, BaseException):
-            raise SweepError(f"the worker {worker} does not answer: {type(theirs).__name__}: {one_line(theirs)}")
-        _refuse(f"the worker {worker}", theirs, facts())
-    return max((theirs["devices"] for theirs in answers.values()), default=1)
+    if any(name in text for name in ("ModuleNotFoundError", "ImportError", "AttributeError")):
+        return UsageError(f"--scheduler: {worker} has no such brdfcheck: {one_line(error)}")
+    return SweepError(f"{worker} failed: {type(error).__name__}: {one_line(error)}; {_KEPT}")

@@ -49,15 +49,15 @@ class Result:
 
 
 class Computer:
-    """Computes the chunks of a plan on local devices. `devices`: all of them by default.
+    """Computes the chunks of a plan on all local devices.
 
     `compiling` is the time spent on compiling so far, in seconds. May be called from several threads. Rules that run on the
     host integrate there, chunk by chunk.
     """
 
-    def __init__(self, plan: Plan, devices: Sequence[Any] | None = None):
+    def __init__(self, plan: Plan):
         self.plan = plan
-        self.mesh = Mesh(np.array(jax.local_devices() if devices is None else devices), (_AXIS,))
+        self.mesh = Mesh(np.array(jax.local_devices()), (_AXIS,))
         self.compiling = 0.0
         self._programs: OrderedDict[tuple[Any, ...], Callable] = OrderedDict()
         self._lock = threading.Lock()

@@ -90,9 +90,11 @@ class Store:
                 raise UsageError(f"--out: cannot write {str(self.folder)!r}: the folder is not writable")
             for path in left:
                 path.unlink()
-            for key, data in files.items():
-                (self.folder / key).parent.mkdir(parents=True, exist_ok=True)
-                records.write_atomically(self.folder / key, data)
+            for path, data in ((self.folder / key, data) for key, data in files.items()):
+                if path.is_symlink():  # what it leads to stays
+                    path.unlink()
+                path.parent.mkdir(parents=True, exist_ok=True)
+                records.write_atomically(path, data)
 
     def _is_there(self) -> bool:
         """False where there is nothing yet. UsageError where there can be no folder, or where it is something else.
@@ -205,7 +207,7 @@ class Store:
             strange = [name for name in folders if (where / name).as_posix() not in ways or Path(place, name).is_symlink()]
             beside = [data for key, data in files.items() if Path(key).parent == where]
             for path in (Path(place, name) for name in names):
-                data = _bytes(path)
+                data = None if path.is_symlink() else _bytes(path)
                 if re.fullmatch(r"\.brdfcheck-.*\.tmp", path.name) and any(_begins(data, whole) for whole in beside):
                     found.append(path)
                 elif data is None or files.get((where / path.name).as_posix()) != data:
@@ -291,8 +293,8 @@ class Store:
 
 
 def _bytes(path: Path) -> bytes | None:
-    """What is in a regular file, None where there is none."""
-    return path.read_bytes() if path.is_file() and not path.is_symlink() else None
+    """What is in a file, None where there is none."""
+    return path.read_bytes() if path.is_file() else None
 
 
 def _begins(part: bytes | None, data: bytes) -> bool:
