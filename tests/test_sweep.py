@@ -313,10 +313,14 @@ def test_the_store_says_what_is_in_it(whole):
     assert "never clamped" in data.convention
 
 
-def test_one_cell_in_an_empty_folder(tmp_path):
+def test_one_cell_in_an_empty_folder_and_what_was_left_of_it(tmp_path):
     (tmp_path / "s").mkdir()
     for _ in range(2):
         data = sweep({"brdf": "phong", "axes": {"n": 10, "cos_theta": 1.0}}, tmp_path / "s")
+        (tmp_path / "s/albedo" / f"c.{'0f' * 16}.partial").write_bytes((tmp_path / "s/albedo/c").read_bytes()[:5])
+        (tmp_path / "s/checksum/c/0").unlink()
+    sweep({"brdf": "phong", "axes": {"n": 10, "cos_theta": 1.0}}, tmp_path / "s")
+    assert sorted(os.listdir(tmp_path / "s/albedo")) == ["c", "zarr.json"]
     np.testing.assert_allclose(float(data.albedo), 1, rtol=1e-12)
     assert data.albedo.dims == ()
     assert float(data.n) == 10
@@ -373,6 +377,23 @@ def test_places_where_no_store_can_be(kind, tmp_path):
     with pytest.raises(UsageError, match="--out: "):
         sweep(SMALL, out)
     assert contents(tmp_path) == before
+
+
+def test_a_large_file_of_the_users_is_not_read(tmp_path):
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "film.mkv").touch()
+    os.truncate(tmp_path / "s" / "film.mkv", 10**13)  # of nothing
+    with pytest.raises(UsageError, match="is not empty and holds no sweep"):
+        sweep(SMALL, tmp_path / "s")
+
+
+def test_links_in_a_store_are_followed_but_what_they_lead_to_is_not_written(out, tmp_path):
+    (out / "n/c/0").rename(tmp_path / "elsewhere")
+    (out / "n/c/0").symlink_to(tmp_path / "elsewhere")
+    sweep(SMALL, out)
+    (tmp_path / "elsewhere").write_bytes(b"damaged")
+    sweep(SMALL, out, repair=True)
+    assert (tmp_path / "elsewhere").read_bytes() == b"damaged"
 
 
 def test_a_folder_in_a_missing_folder_is_not_made(config, tmp_path, capsys):

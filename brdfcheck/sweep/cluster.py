@@ -104,7 +104,7 @@ class Cluster:
             raise UsageError("--scheduler: the address is empty; it looks like tcp://10.0.0.1:8786")
         self._address = address
         try:
-            self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
+            self._client: Any = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
         except (OSError, TimeoutError):
             raise UsageError(f"--scheduler: no scheduler answers at {address}; start one with: dask scheduler") from None
         except (ValueError, TypeError) as error:

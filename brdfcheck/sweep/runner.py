@@ -96,12 +96,12 @@ def fill(
             else:
                 results = cluster.results(plan, missing)
         cells = cells_found
-        for result in itertools.chain((None,), results):  # nothing is there yet when the progress is first told
-            if result is not None:
-                store.write(result)
-                cells += plan.chunk(result.index).cells
-            if progress is not None:
-                progress(Progress(cells, len(store.done), cells_found))
+        say = progress or (lambda _: None)
+        say(Progress(cells, found, cells_found))
+        for result in results:
+            store.write(result)
+            cells += plan.chunk(result.index).cells
+            say(Progress(cells, len(store.done), cells_found))
         return Summary(
             computed=plan.chunks - found,
             found=found,

@@ -154,7 +154,7 @@ class Store:
             raise self._damaged(key, "is damaged" if (self.folder / key).exists() else "is missing")
         self.repaired += len(wrong)
         for path in self.folder.rglob("*.partial"):
-            if match := re.fullmatch(r"(\d+)\.[0-9a-f]{32}\.partial", path.name):
+            if match := re.fullmatch(r"(\d+|c)\.[0-9a-f]{32}\.partial", path.name):
                 self._left.setdefault(path.with_name(match[1]), []).append(path)
         for index in marked:
             if self._verified(self.plan.chunk(index)):
@@ -206,12 +206,15 @@ class Store:
             where = Path(place).relative_to(self.folder)
             strange = [name for name in folders if (where / name).as_posix() not in ways or Path(place, name).is_symlink()]
             beside = [data for key, data in files.items() if Path(key).parent == where]
-            for path in (Path(place, name) for name in names):
-                data = None if path.is_symlink() else _bytes(path)
-                if re.fullmatch(r"\.brdfcheck-.*\.tmp", path.name) and any(_begins(data, whole) for whole in beside):
+            for name in names:
+                path, whole = Path(place, name), files.get((where / name).as_posix())
+                begun = re.fullmatch(r"\.brdfcheck-.*\.tmp", name) is not None
+                # Nothing else is read: it may be of any size.
+                data = _bytes(path) if (begun or whole is not None) and not path.is_symlink() else None
+                if begun and any(_begins(data, one) for one in beside):
                     found.append(path)
-                elif data is None or files.get((where / path.name).as_posix()) != data:
-                    strange.append(path.name)
+                elif data is None or data != whole:
+                    strange.append(name)
             if strange:
                 raise UsageError(f"--out: {self.folder} is not empty and holds no sweep: give another folder")
         return found
@@ -232,7 +235,7 @@ class Store:
         """True where a chunk is there as a whole, and is counted. SweepError where it once was, but for a repair."""
         files = {name: _bytes(self._path(name, chunk)) for name in (*RESULTS, "seconds", "checksum")}
         sums = files["checksum"] or b""
-        right = {name: data is not None and zlib.crc32(data) for name, data in files.items()}
+        right = {name: None if data is None else zlib.crc32(data) for name, data in files.items()}
         wanted = dict(zip(RESULTS, np.frombuffer(sums, "<u4").tolist(), strict=True)) if len(sums) == 4 * len(RESULTS) else {}
         bad = ["checksum"] if not wanted else [name for name in RESULTS if right[name] != wanted[name]]
         # A checksum of the time would make the checksums a measurement too.

@@ -49,7 +49,6 @@ class Subject:
     `template`: the structure of its lobe without numbers, None for functions, which have no engine of their own.
     """
 
-    name: str
     build: Callable[..., Any]
     template: Any
 
@@ -89,7 +88,7 @@ def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tupl
             template = eqx.filter_eval_shape(build, **shapes)
         except Exception:  # the factory needs numbers, not tracers
             template = None
-    return Subject(source.name, build, peel(template)[0] if has_engine(template) else None)
+    return Subject(build, peel(template)[0] if has_engine(template) else None)
 
 
 def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> Family:
