@@ -223,6 +223,9 @@ def test_the_one_door_takes_what_a_sweep_takes():
     family = brdfcheck.load("binomial-power-half", k=(4, 4))
     assert (family.ranges, family.held) == ({"n": (1.0, 1000.0)}, {"k": 4})
     np.testing.assert_allclose(family.build(n=20.0)(wi, wo), lobe(wi, wo) * (20 + 7.2427) / 26.1702, rtol=1e-12)
+    for bounds in ((2, 8), (2.5, 2.5)):
+        with pytest.raises(UsageError, match=r"binomial-power-half: k is a whole number: give one, as in --over k=2; got 2"):
+            brdfcheck.load("binomial-power-half", k=bounds)
     for name, parameter, value in (("binomial-power-half", "q", 2), ("binomial-power-half", "k", 3), ("Lyon", "w", 40)):
         with pytest.raises(UsageError) as door:
             brdfcheck.load(name, n=(1, 10), **{parameter: (value, value)})

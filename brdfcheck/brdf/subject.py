@@ -174,6 +174,11 @@ def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
     return f"{name} has no parameter {parameter!r}; its parameters: {names}"
 
 
+def _not_whole(name: str, parameter: str, bounds: Range) -> str:
+    low, high = bounds
+    return f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {low:g}:{high:g}"
+
+
 def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
     """A callable, known as `spec`, as a `Target`. UsageError as for `as_target`."""
     from brdfcheck.brdf.base import AbstractBRDF
@@ -198,7 +203,7 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
     for name in signature.integers & set(ranges):
         low, high = ranges[name]
         if low != high or low != int(low):
-            raise UsageError(f"{spec}: {name} is a whole number: give one, as in --over {name}=2; got {low:g}:{high:g}")
+            raise UsageError(_not_whole(spec, name, (low, high)))
     # Where a whole number is meant it is passed as one: it may be a size, or choose a formula.
     held = {
         name: int(ranges[name][0])
@@ -338,7 +343,10 @@ def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range 
     for parameter in ranges:
         if not waiting and parameter not in known_ranges:
             if len(names) == 1:
-                raise UsageError(no_parameter(names[0], parameter, sorted(known_ranges)))
+                known = signature_of(named(names[0], modules)[0])
+                if parameter in known.whole:
+                    raise UsageError(_not_whole(names[0], parameter, ranges[parameter]))
+                raise UsageError(no_parameter(names[0], parameter, known.names))
             known = ", ".join(sorted(known_ranges)) or "none"
             raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")
     return targets
