@@ -13,6 +13,13 @@ class UnknownName(UsageError, KeyError):
     __str__ = Exception.__str__  # a KeyError shows its message in quotes
 
 
+class SweepError(Exception):
+    """The machine or the store stands in the way: disk full, a damaged store, a lost cluster. One line that says what to do.
+
+    What is already in the store stays there.
+    """
+
+
 def one_line(text: object) -> str:
     """`text` on one line and without control characters, so that it can be part of a message.
 

@@ -1,26 +1,24 @@
-"""Sweeps on a Dask cluster of real processes on this machine: workers come, fit, and die."""
+"""Sweeps on a Dask cluster: a scheduler here, workers here and in processes of their own, which come, fit, and die."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
 import os
-import shutil
-import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from brdfcheck import cli
-from brdfcheck.messages import UsageError
-from brdfcheck.sweep import cluster
+from brdfcheck.messages import SweepError, UsageError
+from brdfcheck.sweep import Plan, cluster, fill, layout, parse, read_config
 
-pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")
 
 ROOT = Path(__file__).parent.parent
 SWEEP = """
@@ -38,57 +36,39 @@ import helper
 def lambertian(wi, wo, rho):
     return helper.scale(rho) + 0 * wo[..., 2]
 """
+HERE = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "protocol": "tcp", "host": "127.0.0.1",
+        "dashboard_address": None, "silence_logs": 50}  # fmt: skip
 
 
-def start(*arguments: str, path: Path = ROOT) -> subprocess.Popen[bytes]:
-    environment = {**os.environ, "PYTHONPATH": str(path), "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
-    return subprocess.Popen(
-        command, env=environment, cwd=path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )  # fmt: skip
+@pytest.fixture
+def boss() -> Iterator[Any]:
+    """A scheduler on loopback with one worker in this process."""
+    with distributed.LocalCluster(**HERE) as running:
+        yield running
 
 
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory) -> Iterator[str]:
-    """The address of a scheduler on loopback."""
-    file = tmp_path_factory.mktemp("dask") / "scheduler.json"
-    running = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
-    try:
-        deadline = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < deadline:
-            time.sleep(0.1)
-        time.sleep(0.2)
+@pytest.fixture
+def worker() -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """Starts workers in processes of their own, which end with the test."""
+    started: list[subprocess.Popen[bytes]] = []
 
-        yield json.loads(file.read_text())["address"]
-    finally:
+    def more(address: str, path: Path = ROOT) -> subprocess.Popen[bytes]:
+        environment = {**os.environ, "PYTHONPATH": str(path), "JAX_PLATFORMS": "cpu"}
+        command = [sys.executable, "-m", "dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        started.append(subprocess.Popen(command, env=environment, cwd=path, **quiet))
+        return started[-1]
+
+    yield more
+    for running in started:
         running.kill()
         running.wait()
 
 
 @pytest.fixture
-def workers(scheduler) -> Iterator[Callable[..., list[subprocess.Popen[bytes]]]]:
-    """Starts workers, which end with the test."""
-    started: list[subprocess.Popen[bytes]] = []
-
-    def more(count: int, path: Path = ROOT) -> list[subprocess.Popen[bytes]]:
-        new = [start("worker", scheduler, "--nthreads", "1", "--no-nanny", path=path) for _ in range(count)]
-        started.extend(new)
-        return new
-
-    yield more
-    for worker in started:
-        worker.terminate()
-    for worker in started:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            worker.wait(10)
-        worker.kill()
-        worker.wait()
-
-
-def sweep(*arguments: object) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-m", "brdfcheck", "sweep", *map(str, arguments)]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def config(tmp_path) -> Path:
+    (tmp_path / "c.toml").write_text(SWEEP)
+    return tmp_path / "c.toml"
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -96,65 +76,96 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {name: data for name, data in files.items() if not name.startswith("seconds/c")}
 
 
-def test_a_killed_worker_loses_nothing(scheduler, workers, tmp_path):
-    config, out, alone = tmp_path / "c.toml", tmp_path / "s", tmp_path / "alone"
-    config.write_text(SWEEP)
-    first, _ = workers(2)
-    running = sweep(config, "--out", out, "--scheduler", scheduler)
-    while running.poll() is None and len(list(out.glob("checksum/c/0/*/0"))) < 25:
-        time.sleep(0.005)
-    assert running.poll() is None, running.communicate()
-    first.send_signal(signal.SIGKILL)
-    assert len(list(out.glob("checksum/c/0/*/0"))) < 160
-    stdout, stderr = running.communicate(timeout=200)
-    assert running.returncode == 0, stderr
-    assert "160 of 160 chunks computed" in stdout
-    running = sweep(config, "--out", alone)
-    assert running.communicate(timeout=200)
-    assert running.returncode == 0
-    assert contents(out) == contents(alone)
+def workers_of(boss: Any, count: int) -> list[str]:
+    """The addresses of its workers, once there are so many."""
+    deadline = time.monotonic() + 60
+    while len(boss.scheduler.workers) < count and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return list(boss.scheduler.workers)
 
 
-def test_users_files_travel_to_the_workers(scheduler, workers, tmp_path):
-    (tmp_path / "helper.py").write_text("import math\ndef scale(rho):\n    return rho / math.pi\n")
-    (tmp_path / "mine.py").write_text(USER)
-    config = tmp_path / "c.toml"
-    config.write_text('brdf = "mine.py:lambertian"\n[axes]\nrho = [0.25, 0.5, 1.0]\ncos_theta = 0.5\n[chunks]\nrho = 1\n')
-    workers(1)
-    for arguments in (("--out", tmp_path / "s", "--scheduler", scheduler), ("--out", tmp_path / "alone")):
-        running = sweep(config, *arguments)
-        _, stderr = running.communicate(timeout=200)
-        assert running.returncode == 0, stderr
+def test_a_killed_worker_loses_nothing(boss, worker, config, tmp_path):
+    plan, killed = Plan(read_config(config)), []
+    other = worker(boss.scheduler_address)
+    assert len(workers_of(boss, 2)) == 2
+
+    def kill(progress: Any) -> None:
+        if progress.chunks >= 25 and not killed:
+            killed.append(progress.chunks)
+            other.kill()
+
+    summary = fill(plan, tmp_path / "s", scheduler=boss.scheduler_address, progress=kill)
+    assert summary.computed == 160
+    assert killed[0] < 160
+    fill(plan, tmp_path / "alone")
     assert contents(tmp_path / "s") == contents(tmp_path / "alone")
 
 
-@pytest.mark.parametrize("kind", ["another version", "none"])
-def test_workers_with_other_software_are_refused(kind, scheduler, workers, tmp_path):
+def test_users_files_travel_to_the_workers(boss, tmp_path):
+    """A worker has a folder of its own, with what it was sent."""
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "helper.py").write_text("import math\ndef scale(rho):\n    return rho / math.pi\n")
+    (mine / "mine.py").write_text(USER)
+    document = {"brdf": "mine.py:lambertian", "axes": {"rho": [0.25, 0.5, 1.0], "cos_theta": 0.5}, "chunks": {"rho": 1}}
+    plan = Plan(parse(document, folder=mine))
+    fill(plan, tmp_path / "alone")
+    (mine / "helper.py").unlink()
+    (mine / "mine.py").unlink()
+    fill(plan, tmp_path / "s", scheduler=boss.scheduler_address)
+    assert contents(tmp_path / "s") == contents(tmp_path / "alone")
+
+
+def test_workers_with_other_software_are_refused(boss, config, tmp_path, monkeypatch, capsys):
+    def elsewhere() -> dict[str, Any]:
+        facts = layout.facts()
+        return {**facts, "versions": {**facts["versions"], "brdfcheck": "9.9"}, "devices": 1}
+
+    command = ["sweep", str(config), "--out", str(tmp_path / "s"), "--scheduler", boss.scheduler_address]
+    with monkeypatch.context() as patched:
+        patched.setattr(cluster, "facts_here", elsewhere)
+        assert cli.run(command) == cli.ExitCode.USAGE_ERROR
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("brdfcheck: --scheduler: ")
+    assert "does not fit: versions.brdfcheck: the worker has 9.9, here it is" in last
+    assert not (tmp_path / "s").exists()
+    # One that comes later compares for itself.
+    ours = json.loads(json.dumps(layout.facts()))
+    ours["device"]["kind"] = "abacus"
+    with pytest.raises(UsageError, match=r"does not fit: device.kind: the worker has \S+, here it is abacus"):
+        cluster.compute_here("", ours, [0])
+
+
+def test_a_worker_without_this_package_is_refused(worker, config, tmp_path, capsys):
     other = tmp_path / "other" / "brdfcheck"
-    if kind == "none":
-        other.mkdir(parents=True)
-        (other / "__init__.py").write_text("")
-    else:
-        shutil.copytree(ROOT / "brdfcheck", other, ignore=shutil.ignore_patterns("__pycache__"))
-        text = (other / "__init__.py").read_text()
-        (other / "__init__.py").write_text(text.replace('__version__ = "', '__version__ = "9.'))
-    (tmp_path / "c.toml").write_text(SWEEP)
-    workers(1, other.parent)
-    running = sweep(tmp_path / "c.toml", "--out", tmp_path / "s", "--scheduler", scheduler)
-    _, stderr = running.communicate(timeout=100)
-    assert running.returncode == cli.ExitCode.USAGE_ERROR, stderr
-    expected = "has no such brdfcheck" if kind == "none" else "does not fit: brdfcheck: the worker has 9."
-    assert expected in stderr.splitlines()[-1]
-    assert stderr.splitlines()[-1].startswith("brdfcheck: --scheduler: ")
+    other.mkdir(parents=True)
+    (other / "__init__.py").write_text("")
+    with distributed.LocalCluster(**{**HERE, "n_workers": 0}) as boss:
+        worker(boss.scheduler_address, other.parent)
+        assert len(workers_of(boss, 1)) == 1
+        code = cli.run(["sweep", str(config), "--out", str(tmp_path / "s"), "--scheduler", boss.scheduler_address])
+    assert code == cli.ExitCode.USAGE_ERROR
+    assert "has no such brdfcheck" in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "s").exists()
 
 
-def test_a_scheduler_without_workers(scheduler, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cluster, "_FIRST_WORKER", 1.0)
-    (tmp_path / "c.toml").write_text(SWEEP)
-    code = cli.run(["sweep", str(tmp_path / "c.toml"), "--out", str(tmp_path / "s"), "--scheduler", scheduler])
-    assert code == cli.ExitCode.USAGE_ERROR
-    assert f"{scheduler} has no workers; start some with: dask worker {scheduler}" in capsys.readouterr().err
+def test_a_scheduler_without_workers_and_its_loggers(config, tmp_path, monkeypatch, capsys):
+    """No logger of Dask keeps a level of its own: some have one from the start, and a configuration may give one to any."""
+    names = ("distributed", "distributed.client", "distributed.comm", "tornado.application")
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    monkeypatch.setattr(cluster, "_FIRST_WORKER", 0.5)
+    try:
+        with distributed.LocalCluster(**{**HERE, "n_workers": 0}) as boss:
+            loggers[2].setLevel(logging.DEBUG)
+            address = boss.scheduler_address
+            code = cli.run(["sweep", str(config), "--out", str(tmp_path / "s"), "--scheduler", address])
+        assert code == cli.ExitCode.USAGE_ERROR
+        assert f"{address} has no workers; start some with: dask worker {address}" in capsys.readouterr().err
+        assert [logger.getEffectiveLevel() for logger in loggers] == [logging.CRITICAL] * 4
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 @pytest.mark.parametrize(
@@ -164,70 +175,35 @@ def test_a_scheduler_without_workers(scheduler, tmp_path, monkeypatch, capsys):
         ("nonsense", "'nonsense' is no address"),
         ("host:port", "'host:port' is no address"),
         ("", "the address is empty"),
+        (None, "needs Dask: pip install 'brdfcheck[cluster]'"),
     ],
 )
-def test_addresses_where_no_scheduler_is(address, message, tmp_path, monkeypatch, capsys):
+def test_addresses_where_no_scheduler_is(address, message, config, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cluster, "_ANSWER", 1.0)
-    (tmp_path / "c.toml").write_text(SWEEP)
-    code = cli.run(["sweep", str(tmp_path / "c.toml"), "--out", str(tmp_path / "s"), "--scheduler", address])
+    if address is None:
+        monkeypatch.setitem(sys.modules, "distributed", None)
+    code = cli.run(["sweep", str(config), "--out", str(tmp_path / "s"), "--scheduler", address or ""])
     assert code == cli.ExitCode.USAGE_ERROR
-    assert f"--scheduler: {message}" in capsys.readouterr().err
+    assert f"--scheduler{'' if address is None else ':'} {message}" in capsys.readouterr().err
     assert not (tmp_path / "s").exists()
 
 
-def test_without_dask_it_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    (tmp_path / "c.toml").write_text(SWEEP)
-    code = cli.run(["sweep", str(tmp_path / "c.toml"), "--out", str(tmp_path / "s"), "--scheduler", "tcp://127.0.0.1:9"])
-    assert code == cli.ExitCode.USAGE_ERROR
-    assert "pip install 'brdfcheck[cluster]'" in capsys.readouterr().err
+def test_a_lost_cluster_keeps_what_was_computed(config, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(cluster, "_ANSWER", 1.0)
+    plan, boss, closed = Plan(read_config(config)), distributed.LocalCluster(**HERE), []
 
+    def close(progress: Any) -> None:
+        if progress.chunks >= 5 and not closed:
+            closed.append(progress.chunks)
+            boss.close()
 
-def test_no_logger_of_dask_has_a_level_of_its_own(scheduler, tmp_path, monkeypatch):
-    """Some have from the start, and a configuration may give one to any."""
-    loggers = [
-        logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.comm", "tornado.application")
-    ]
-    levels = [logger.level for logger in loggers]
     try:
-        loggers[2].setLevel(logging.DEBUG)
-        monkeypatch.setattr(cluster, "_FIRST_WORKER", 0.1)
-        with pytest.raises(UsageError, match="has no workers"):
-            cluster.Cluster(scheduler)
-        assert [logger.getEffectiveLevel() for logger in loggers] == [logging.CRITICAL] * 4
+        with pytest.raises(SweepError, match=r"lost the scheduler at tcp://.*; the chunks computed so far are kept: run again"):
+            fill(plan, tmp_path / "s", scheduler=boss.scheduler_address, progress=close)
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
-def test_a_lost_cluster_keeps_what_was_computed(workers, tmp_path, scheduler):
-    config, out = tmp_path / "c.toml", tmp_path / "s"
-    config.write_text(SWEEP)
-    own = tmp_path / "scheduler.json"
-    boss = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(own))
-    try:
-        while not own.exists() or not own.read_text():
-            time.sleep(0.1)
-        worker = start("worker", "--scheduler-file", str(own), "--nthreads", "1", "--no-nanny")
-        try:
-            running = sweep(config, "--out", out, "--scheduler", json.loads(own.read_text())["address"])
-            while running.poll() is None and len(list(out.glob("checksum/c/0/*/0"))) < 5:
-                time.sleep(0.005)
-            boss.kill()
-            _, stderr = running.communicate(timeout=100)
-            assert running.returncode == cli.ExitCode.INTERNAL_ERROR, stderr
-            *others, last = stderr.splitlines()
-            assert last.startswith("brdfcheck: lost the scheduler at ")
-            assert last.endswith("run again to continue")
-            assert not [line for line in others if " of 160 chunks, " not in line]
-        finally:
-            worker.kill()
-            worker.wait()
-    finally:
-        boss.kill()
-        boss.wait()
-    workers(1)
-    running = sweep(config, "--out", out, "--scheduler", scheduler)
-    stdout, stderr = running.communicate(timeout=200)
-    assert running.returncode == 0, stderr
-    assert "were there" in stdout
+        boss.close()
+    assert capfd.readouterr().err == "", "what Dask has to say is said by the error"
+    assert 5 <= closed[0] < 160
+    summary = fill(plan, tmp_path / "s")
+    assert summary.found >= closed[0]
+    assert summary.found + summary.computed == 160

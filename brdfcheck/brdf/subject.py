@@ -1,4 +1,6 @@
-"""What a user hands over, as a family of BRDFs: a catalogue name, ``file.py:object``, a BRDF, a function, a class, a factory.
+"""What a user hands over, as a family of BRDFs: a name, ``file.py:object``, a BRDF, a function, a class, a factory.
+
+A name is one of the catalogue or of a class of this package.
 
 What is wrong with the words is a `UsageError`, in one line that names the value and what is allowed. What is wrong with
 a user's BRDF, once it has been found, is not: that is a finding about the BRDF, kept in `Target.finding`.
@@ -43,35 +45,76 @@ class Target:
     line: int | None = None
 
 
-@dataclass(frozen=True)
-class _Signature:
-    """The arguments of a callable.
+class NoRange(UsageError):
+    """Parameters that have no range. `names`: theirs."""
 
-    `integers`: those declared int; `whole`: those whose default is one, which may run over a range all the same.
-    `open`: it takes any keyword, or cannot say what it takes.
+    def __init__(self, message: str, names: Iterable[str]):
+        super().__init__(message)
+        self.names = tuple(names)
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The parameters of a callable, or of a family of the catalogue.
+
+    `integers`: those that are whole numbers; `whole`: those whose default is one, which may run over a range all the same;
+    `words`: those whose default is a text or a truth value. `open`: it takes any keyword, or cannot say what it takes.
     """
 
     required: tuple[str, ...]
     names: tuple[str, ...]
     integers: frozenset[str]
     whole: frozenset[str]
+    words: frozenset[str]
     open: bool
 
 
-def _signature(function: Callable[..., Any]) -> _Signature:
+def signature_of(value: Any) -> Signature:
+    """The parameters of a family, a class, a function or a factory."""
+    from brdfcheck.brdf.family import Family
+
+    if isinstance(value, Family):
+        whole = frozenset(_whole_fields(value))
+        return Signature(tuple(value.ranges), (*value.ranges, *sorted(whole)), whole, whole, frozenset(), False)
     try:
-        parameters = list(inspect.signature(function).parameters.values())
+        parameters = list(inspect.signature(value).parameters.values())
     except (TypeError, ValueError):
-        return _Signature((), (), frozenset(), frozenset(), True)
+        return Signature((), (), frozenset(), frozenset(), frozenset(), True)
     variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     named = [parameter for parameter in parameters if parameter.kind not in variadic]
-    return _Signature(
+    return Signature(
         tuple(parameter.name for parameter in named if parameter.default is parameter.empty),
         tuple(parameter.name for parameter in named),
         frozenset(parameter.name for parameter in named if parameter.annotation in (int, "int")),
         frozenset(parameter.name for parameter in named if type(parameter.default) is int),
+        frozenset(parameter.name for parameter in named if isinstance(parameter.default, (str, bool))),
         len(named) < len(parameters),
     )
+
+
+def _whole_fields(family: Family) -> list[str]:
+    """The whole numbers in the lobe of a family, such as the k of the binomial power."""
+    import equinox as eqx
+    import jax
+
+    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.factors import peel
+
+    shapes = {name: jax.ShapeDtypeStruct((), "float32") for name in family.ranges}
+    try:
+        core = peel(eqx.filter_eval_shape(family.build, **shapes))[0]
+    except Exception:  # the factory needs numbers, not tracers
+        return []
+    fields = dataclasses.fields(core) if isinstance(core, AbstractBRDF) else ()
+    return [part.name for part in fields if type(getattr(core, part.name)) is int]
+
+
+def _with_fields(brdf: Any, fields: Mapping[str, int]) -> Any:
+    """The BRDF with other whole numbers in the lobe inside its wrappers."""
+    for wrapped in ("lobe", "base"):
+        if hasattr(brdf, wrapped):
+            return dataclasses.replace(brdf, **{wrapped: _with_fields(getattr(brdf, wrapped), fields)})
+    return dataclasses.replace(brdf, **fields)
 
 
 def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
@@ -87,7 +130,7 @@ def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, f
 def as_target(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: Range | None = None) -> Target:
     """Whatever somebody hands over as a `Target`: the one door, for Python and for the command line.
 
-    `value`: a catalogue name or ``file.py:object``, a `Family`, a BRDF, a function f(wi, wo), perhaps with parameters, a class
+    `value`: a name or ``file.py:object``, a `Family`, a BRDF, a function f(wi, wo), perhaps with parameters, a class
     or a factory, whose parameters run over `ranges`; or a `Target`, which stays what it is. Raises UsageError (a ValueError)
     for unknown names, for parameters that have no range or do not exist, and where a lobe of this package refuses their values;
     TypeError for something that is not a BRDF.
@@ -103,7 +146,7 @@ def as_target(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: 
     if isinstance(value, Family):
         unknown = [name for name in ranges if name not in value.ranges]
         if unknown:
-            raise UsageError(_no_parameter(value.name, unknown[0], value.ranges))
+            raise UsageError(no_parameter(value.name, unknown[0], value.ranges))
         angles = value.cos_theta if cos_theta is None else cos_theta
         return Target(dataclasses.replace(value, ranges={**value.ranges, **ranges}, cos_theta=angles))
     if not callable(value):
@@ -125,8 +168,15 @@ def load(value: Any, *, cos_theta: Range | None = None, **ranges: Range) -> Fami
     return as_family(value, ranges, cos_theta)
 
 
-def _no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
-    return f"{name} has no parameter {parameter!r}; its parameters: {', '.join(known) or 'none'}"
+def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
+    """What is said of a parameter that a BRDF does not have."""
+    names = ", ".join(key for key in known if key not in _DIRECTIONS) or "none"
+    return f"{name} has no parameter {parameter!r}; its parameters: {names}"
+
+
+def _not_whole(name: str, parameter: str, bounds: Range) -> str:
+    low, high = bounds
+    return f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {low:g}:{high:g}"
 
 
 def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
@@ -144,16 +194,16 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
         build = varied(value, tuple(ranges)) if ranges else constant(value)
         family = Family(spec, build, ranges, cosines)
         return Target(family, _refusal(family, user=True), file, line_of(value))
-    signature = _signature(value)
+    signature = signature_of(value)
     if not ranges and inspect.isclass(value) and issubclass(value, AbstractBRDF):
         ranges = {name: _USUAL_RANGES[name] for name in signature.required if name in _USUAL_RANGES}
     unknown = [name for name in ranges if name not in signature.names]
     if unknown and not signature.open:
-        raise UsageError(_no_parameter(spec, unknown[0], [name for name in signature.names if name not in _DIRECTIONS]))
+        raise UsageError(no_parameter(spec, unknown[0], signature.names))
     for name in signature.integers & set(ranges):
         low, high = ranges[name]
         if low != high or low != int(low):
-            raise UsageError(f"{spec}: {name} is a whole number: give one, as in --over {name}=2; got {low:g}:{high:g}")
+            raise UsageError(_not_whole(spec, name, (low, high)))
     # Where a whole number is meant it is passed as one: it may be a size, or choose a formula.
     held = {
         name: int(ranges[name][0])
@@ -176,8 +226,8 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
         python = ", ".join(f"{name}=(LO, HI)" for name in missing)
         angles = any(name.lower().startswith(("theta", "phi")) for name in missing)
         advice = "; a BRDF is a function of two arrays of directions (k, 3), f(wi, wo), not of angles" if angles else ""
-        raise UsageError(
-            f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}{advice}"
+        raise NoRange(
+            f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}{advice}", missing
         )
 
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
@@ -223,24 +273,53 @@ def _refusal(family: Family, *, user: bool) -> str | None:
 
 
 def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
-    """A catalogue entry with the given ranges in place of its own. UsageError for a name it does not have."""
+    """A catalogue entry with the given ranges in place of its own. UsageError for a name it does not have.
+
+    A whole number (a range of no length) may be given to one in the lobe: the k of the binomial power. What belongs to neither
+    is left to other BRDFs of the command.
+    """
     from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.family import Family
+    from brdfcheck.brdf.family import Family, interval
 
     family = catalog.entry(name).family
     known = {parameter: bounds for parameter, bounds in ranges.items() if parameter in family.ranges}
-    family = Family(name, family.build, {**family.ranges, **known}, family.cos_theta if cos_theta is None else cos_theta)
-    if known:
-        _refusal(family, user=False)
-    return Target(family)
+    others = {parameter: interval(parameter, bounds) for parameter, bounds in ranges.items() if parameter not in known}
+    whole = signature_of(family).whole if others else ()
+    held = {key: int(low) for key, (low, high) in others.items() if key in whole and low == high == int(low)}
+
+    def build(**parameters: Any) -> Any:
+        return _with_fields(family.build(**parameters), held)
+
+    angles = family.cos_theta if cos_theta is None else cos_theta
+    target = Target(Family(name, build if held else family.build, {**family.ranges, **known}, angles, held))
+    if known or held:
+        _refusal(target.family, user=False)
+    return target
+
+
+def named(name: str, modules: dict[str, ModuleType]) -> tuple[Any, str]:
+    """What a name stands for, a family of the catalogue, a class of this package or an object of a user's file; its full name.
+
+    `modules`: users' files loaded so far, which load only once. Raises UsageError.
+    """
+    from brdfcheck.brdf import catalog, lobes, microfacet
+    from brdfcheck.brdf.base import AbstractBRDF
+
+    if name not in catalog.names():
+        found = getattr(lobes, name, getattr(microfacet, name, None))
+        if inspect.isclass(found) and issubclass(found, AbstractBRDF) and not inspect.isabstract(found):
+            return found, name
+        if is_file_spec(name):
+            return load_object(name, modules)
+    return catalog.entry(name).family, name
 
 
 def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None) -> list[Target]:
-    """The targets behind catalogue names and ``file.py:object``; each range must belong to at least one of them.
+    """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
     A user's file is imported here, once, however many of its objects are named. Raises UsageError.
     """
-    from brdfcheck.brdf import catalog
+    from brdfcheck.brdf.family import Family
 
     modules: dict[str, ModuleType] = {}
     targets: list[Target] = []
@@ -248,22 +327,26 @@ def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range 
     known_ranges: set[str] = set()
     waiting: list[tuple[int, Any, str]] = []
     for name in names:
-        if name in catalog.names() or not is_file_spec(name):
+        value, spec = named(name, modules)
+        if isinstance(value, Family):
             targets.append(catalog_target(name, ranges, cos_theta))
-            known_ranges |= set(targets[-1].family.ranges)
+            known_ranges |= {*targets[-1].family.ranges, *targets[-1].family.held}
         else:
-            waiting.append((len(targets), *load_object(name, modules)))
+            waiting.append((len(targets), value, spec))
             targets.append(Target(None))
     for index, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
-        own = _signature(value)
-        others = known_ranges.union(*(_signature(other).names for _, other, _ in waiting if other is not value))
+        own = signature_of(value)
+        others = known_ranges.union(*(signature_of(other).names for _, other, _ in waiting if other is not value))
         mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or key not in others}
         targets[index] = family_of(value, spec, mine, cos_theta)
     for parameter in ranges:
         if not waiting and parameter not in known_ranges:
             if len(names) == 1:
-                raise UsageError(_no_parameter(names[0], parameter, sorted(known_ranges)))
+                known = signature_of(named(names[0], modules)[0])
+                if parameter in known.whole:
+                    raise UsageError(_not_whole(names[0], parameter, ranges[parameter]))
+                raise UsageError(no_parameter(names[0], parameter, known.names))
             known = ", ".join(sorted(known_ranges)) or "none"
             raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")
     return targets

@@ -1,9 +1,9 @@
 """Sweeps: albedos over grids of parameters, angles and settings, in a Zarr store, on one machine or a cluster."""
 
+from brdfcheck.messages import SweepError as SweepError
 from brdfcheck.sweep.config import Config as Config
 from brdfcheck.sweep.config import parse as parse
 from brdfcheck.sweep.config import read_config as read_config
-from brdfcheck.sweep.errors import SweepError as SweepError
 from brdfcheck.sweep.plan import Plan as Plan
 from brdfcheck.sweep.runner import Estimate as Estimate
 from brdfcheck.sweep.runner import Progress as Progress

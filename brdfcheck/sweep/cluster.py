@@ -22,11 +22,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import SweepError, UsageError, one_line
 from brdfcheck.runtime import use_compilation_cache
-from brdfcheck.sweep import config, provenance
+from brdfcheck.sweep import config
 from brdfcheck.sweep.compute import Computer, Result
-from brdfcheck.sweep.errors import SweepError
+from brdfcheck.sweep.layout import differences, facts
 from brdfcheck.sweep.plan import Chunk, Plan
 
 # Seconds to wait for an answer of the scheduler, for a first worker, for another worker once all have gone, and for the
@@ -34,14 +34,12 @@ from brdfcheck.sweep.plan import Chunk, Plan
 _ANSWER, _FIRST_WORKER, _NEW_WORKER, _RESULT = 5.0, 10.0, 30.0, 120.0
 # Results waiting for the store, for each thread of the cluster: what bounds the memory of the process that writes.
 _AHEAD = 2
-_INSTALL = "--scheduler needs Dask: pip install 'brdfcheck[cluster]'"
+_KEPT = "the chunks computed so far are kept: run again to continue"
+# What is raised where nobody answers.
+_GONE = (OSError, TimeoutError, asyncio.CancelledError)
 
 
 # --- what runs on a worker ---
-
-
-class _WrongWorker(Exception):
-    """A worker whose software or device is not that of the process that writes."""
 
 
 _lock = threading.RLock()
@@ -66,30 +64,25 @@ def facts_here() -> dict[str, Any]:
     """What this process would compute with, for comparison, and how many devices it has."""
     import jax
 
-    return {**provenance.facts(), "devices": jax.local_device_count()}
+    return {**facts(), "devices": jax.local_device_count()}
 
 
-def compute_here(payload: str, facts: dict[str, Any], indices: Sequence[int]) -> list[Result]:
-    """The chunks of these numbers, computed in this process for the configuration in `payload`."""
-    differences = _compared(facts, provenance.facts())
-    if differences:
-        raise _WrongWorker("; ".join(differences))
+def compute_here(payload: str, ours: dict[str, Any], indices: Sequence[int]) -> list[Result]:
+    """The chunks of these numbers, computed in this process for the configuration in `payload`.
+
+    UsageError where its software or its device are not those of the process that writes.
+    """
+    _refuse("a worker", facts(), ours)
     with _lock:  # users' files are imported once
         computer = _computer(payload)
     plan = computer.plan
     return [result for wave in plan.waves(map(plan.chunk, indices), computer.width) for result in computer(wave)]
 
 
-def _compared(ours: dict[str, Any], theirs: dict[str, Any]) -> list[str]:
-    """In words, where a worker's software differs from that of this process."""
-    found = []
-    for name in ("versions", "device"):
-        for key in ours[name]:
-            if ours[name][key] != theirs[name].get(key):
-                found.append(f"{key}: the worker has {theirs[name].get(key, 'none')}, here it is {ours[name][key]}")
-    if not found and ours["source"] != theirs["source"]:
-        found.append("the source of brdfcheck is not the same")
-    return found
+def _refuse(worker: str, theirs: dict[str, Any], ours: dict[str, Any]) -> None:
+    found = differences({name: theirs[name] for name in ours}, ours, "the worker")
+    if found:
+        raise UsageError(f"--scheduler: {worker} does not fit: {'; '.join(found)}")
 
 
 # --- what runs where the store is ---
@@ -105,34 +98,56 @@ class Cluster:
         try:
             import distributed
         except ImportError:
-            raise UsageError(_INSTALL) from None
+            raise UsageError("--scheduler needs Dask: pip install 'brdfcheck[cluster]'") from None
         _silence("distributed", "tornado", "asyncio")
-        self.address = address
-        self._client = _connected(distributed, address)
+        if not address.strip():  # Dask would start a cluster of its own
+            raise UsageError("--scheduler: the address is empty; it looks like tcp://10.0.0.1:8786")
+        self._address = address
         try:
-            self._devices = _checked_workers(self._client, address)
+            self._client: Any = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
+        except (OSError, TimeoutError):
+            raise UsageError(f"--scheduler: no scheduler answers at {address}; start one with: dask scheduler") from None
+        except (ValueError, TypeError) as error:
+            text = f"--scheduler: {address!r} is no address, as in tcp://10.0.0.1:8786: {one_line(error)}"
+            raise UsageError(text) from None
+        try:
+            self._devices = self._checked_workers()
         except BaseException:
-            _close(self._client)
+            self.__exit__()
             raise
 
     def __enter__(self) -> Cluster:
         return self
 
     def __exit__(self, *_: object) -> None:
-        _close(self._client)
+        with contextlib.suppress(Exception):  # the scheduler may have gone
+            self._client.close(timeout=2)
+
+    def _checked_workers(self) -> int:
+        """Wait for the first worker, compare all that are there with this process, and return the most devices one has."""
+        address = self._address
+        try:
+            self._client.wait_for_workers(1, timeout=_FIRST_WORKER)
+        except TimeoutError:
+            raise UsageError(f"--scheduler: {address} has no workers; start some with: dask worker {address}") from None
+        answers = self._client.run(facts_here, on_error="return")
+        for worker, theirs in answers.items():
+            if isinstance(theirs, BaseException):
+                raise _failure(f"the worker {worker}", theirs)
+            _refuse(f"the worker {worker}", theirs, facts())
+        return max((theirs["devices"] for theirs in answers.values()), default=1)
 
     def results(self, plan: Plan, chunks: Iterable[Chunk]) -> Iterator[Result]:
         """These chunks (in program order) as they come, in any order, each once. SweepError where the cluster is lost."""
-        client, address = self._client, self.address
         payload = json.dumps({"config": plan.config.document(), "label": plan.config.label, "files": plan.sources})
-        facts = provenance.facts()
+        ours = facts()
         batches = ([chunk.index for chunk in wave] for wave in plan.waves(chunks, self._devices))
         waiting: dict[Any, list[int]] = {}
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         alive = time.monotonic()
         while True:
-            while len(waiting) < _AHEAD * max(1, _threads(client)) and (batch := next(batches, None)) is not None:
-                future = client.submit(compute_here, payload, facts, batch, pure=False, retries=0)
+            while len(waiting) < _AHEAD * max(1, self._threads()) and (batch := next(batches, None)) is not None:
+                future = self._client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
                 waiting[future] = batch
                 future.add_done_callback(finished.put)
             if not waiting:
@@ -140,17 +155,47 @@ class Cluster:
             try:
                 future = finished.get(timeout=1.0)
             except queue.Empty:
-                if _threads(client):
+                if self._threads():
                     alive = time.monotonic()
-                elif time.monotonic() - alive > (_NEW_WORKER if client.status == "running" else _ANSWER):
-                    raise SweepError(_lost(client, address)) from None
+                elif time.monotonic() - alive > (_NEW_WORKER if self._client.status == "running" else _ANSWER):
+                    raise self._lost() from None
                 continue
             alive = time.monotonic()
-            results = _answer(client, future, address)
-            batch = waiting.pop(future)
-            assert [result.index for result in results] == batch
+            results = self._answer(future)
+            assert [result.index for result in results] == waiting.pop(future)
             future.release()
             yield from results
+
+    def _threads(self) -> int:
+        """How many chunks the cluster computes at a time; 0 where it has no workers or does not answer."""
+        if self._client.status != "running":
+            return 0
+        try:
+            return sum(self._client.nthreads().values())
+        except _GONE:
+            return 0
+
+    def _lost(self) -> SweepError:
+        what = "all workers have gone from the scheduler" if self._client.status == "running" else "lost the scheduler"
+        return SweepError(f"{what} at {self._address}; {_KEPT}")
+
+    def _answer(self, future: Any) -> list[Result]:
+        """The results of a task that has ended."""
+        from distributed import KilledWorker
+
+        if future.status not in ("finished", "error"):  # cancelled or lost: the scheduler has gone
+            raise self._lost()
+        try:
+            return future.result(timeout=_RESULT)
+        except UsageError:
+            raise
+        except KilledWorker:
+            text = "one worker after another died while it computed the same chunk (out of memory?)"
+            raise SweepError(f"{text}; {_KEPT}") from None
+        except _GONE:
+            raise self._lost() from None
+        except Exception as error:
+            raise _failure(f"a worker of {self._address}", error) from None
 
 
 def _silence(*packages: str) -> None:
@@ -163,80 +208,9 @@ def _silence(*packages: str) -> None:
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-def _connected(distributed: Any, address: str) -> Any:
-    if not address.strip():  # Dask would start a cluster of its own
-        raise UsageError("--scheduler: the address is empty; it looks like tcp://10.0.0.1:8786")
-    try:
-        return distributed.Client(address, timeout=_ANSWER, set_as_default=False)
-    except (OSError, TimeoutError):
-        raise UsageError(f"--scheduler: no scheduler answers at {address}; start one with: dask scheduler") from None
-    except (ValueError, TypeError) as error:
-        raise UsageError(f"--scheduler: {address!r} is no address, as in tcp://10.0.0.1:8786: {one_line(error)}") from None
-
-
-def _close(client: Any) -> None:
-    with contextlib.suppress(Exception):  # the scheduler may have gone
-        client.close(timeout=2)
-
-
-def _threads(client: Any) -> int:
-    """How many chunks the cluster computes at a time; 0 where it has no workers or does not answer."""
-    if client.status != "running":
-        return 0
-    try:
-        return sum(client.nthreads().values())
-    except (OSError, TimeoutError, asyncio.CancelledError):
-        return 0
-
-
-def _lost(client: Any, address: str) -> str:
-    what = "all workers have gone from the scheduler" if client.status == "running" else "lost the scheduler"
-    return f"{what} at {address}; the chunks computed so far are kept: run again to continue"
-
-
-def _answer(client: Any, future: Any, address: str) -> list[Result]:
-    """The results of a task that has ended."""
-    if future.status not in ("finished", "error"):  # cancelled or lost: the scheduler has gone
-        raise SweepError(_lost(client, address))
-    from distributed import KilledWorker
-
-    try:
-        return future.result(timeout=_RESULT)
-    except UsageError:
-        raise
-    except _WrongWorker as error:
-        raise UsageError(f"--scheduler: a worker of {address} does not fit: {error}") from None
-    except KilledWorker:
-        text = "one worker after another died while it computed the same chunk (out of memory?)"
-        raise SweepError(f"{text}; the chunks computed so far are kept: run again to continue") from None
-    except (OSError, TimeoutError, asyncio.CancelledError):
-        raise SweepError(_lost(client, address)) from None
-    except Exception as error:
-        if _is_missing(error):
-            raise UsageError(f"--scheduler: a worker of {address} has no such brdfcheck: {one_line(error)}") from None
-        raise SweepError(f"a worker of {address} failed: {type(error).__name__}: {one_line(error)}") from None
-
-
-def _is_missing(error: BaseException) -> bool:
-    """True where a worker could not import what it was to run; Dask wraps such errors in others."""
+def _failure(worker: str, error: BaseException) -> Exception:
+    """What is raised where a worker raises something that is no message. Dask wraps failed imports in other errors."""
     text = f"{type(error).__name__}: {error} {error.__cause__!r}"
-    return any(name in text for name in ("ModuleNotFoundError", "ImportError", "AttributeError"))
-
-
-def _checked_workers(client: Any, address: str) -> int:
-    """Wait for the first worker, compare all that are there with this process, and return the most devices one has."""
-    try:
-        client.wait_for_workers(1, timeout=_FIRST_WORKER)
-    except TimeoutError:
-        raise UsageError(f"--scheduler: {address} has no workers; start some with: dask worker {address}") from None
-    answers = client.run(facts_here, on_error="return")
-    ours = provenance.facts()
-    for worker, theirs in answers.items():
-        if isinstance(theirs, BaseException) and _is_missing(theirs):
-            raise UsageError(f"--scheduler: the worker {worker} has no such brdfcheck: {one_line(theirs)}")
-        if isinstance(theirs, BaseException):
-            raise SweepError(f"the worker {worker} does not answer: {type(theirs).__name__}: {one_line(theirs)}")
-        differences = _compared(ours, theirs)
-        if differences:
-            raise UsageError(f"--scheduler: the worker {worker} does not fit: {'; '.join(differences)}")
-    return max((theirs["devices"] for theirs in answers.values()), default=1)
+    if any(name in text for name in ("ModuleNotFoundError", "ImportError", "AttributeError")):
+        return UsageError(f"--scheduler: {worker} has no such brdfcheck: {one_line(error)}")
+    return SweepError(f"{worker} failed: {type(error).__name__}: {one_line(error)}; {_KEPT}")

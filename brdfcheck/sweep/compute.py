@@ -24,19 +24,15 @@ from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.albedo import batched
 from brdfcheck.quadrature.functions import adaptive_albedo
-from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
-from brdfcheck.sweep.cells import CELL, dtype_of, evaluator, of_cell
-from brdfcheck.sweep.config import ANGLES, CHOICES
-from brdfcheck.sweep.plan import Chunk, Plan
+from brdfcheck.sweep.config import ANGLES
+from brdfcheck.sweep.plan import CELL, Chunk, Plan
 from brdfcheck.sweep.subjects import of_type
 
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.
 _KEPT = 8
-# Cells looked at to estimate how long a chunk takes.
-_SAMPLE = {"zonal": 512, "half-vector": 4, "rule": 4, "adaptive": 3}
 
 
 @dataclass(frozen=True)
@@ -54,15 +50,15 @@ class Result:
 
 
 class Computer:
-    """Computes the chunks of a plan on local devices. `devices`: all of them by default.
+    """Computes the chunks of a plan on all local devices.
 
-    `compiling` is the time spent on compiling so far, in seconds. May be called from several threads. Functions (engine 3)
-    are integrated on the host, chunk by chunk.
+    `compiling` is the time spent on compiling so far, in seconds. May be called from several threads. Rules that run on the
+    host integrate there, chunk by chunk.
     """
 
-    def __init__(self, plan: Plan, devices: Sequence[Any] | None = None):
+    def __init__(self, plan: Plan):
         self.plan = plan
-        self.mesh = Mesh(np.array(jax.local_devices() if devices is None else devices), (_AXIS,))
+        self.mesh = Mesh(np.array(jax.local_devices()), (_AXIS,))
         self.compiling = 0.0
         self._programs: OrderedDict[tuple[Any, ...], Callable] = OrderedDict()
         self._lock = threading.Lock()
@@ -75,231 +71,177 @@ class Computer:
 
     def __call__(self, wave: Sequence[Chunk]) -> list[Result]:
         """The results of at most `width` chunks that share a program. UsageError where a user's BRDF fails."""
-        combination = self.plan.combination(wave[0])
-        engine = self.plan.engine(combination)
         with double_precision():  # whatever the process runs in; float32 is an axis
-            if engine == "adaptive":
-                return [self._on_the_host(chunk, combination) for chunk in wave]
-            return self._on_the_mesh(wave, combination, engine)
-
-    def lanes(self, chunk: Chunk) -> int:
-        """How many chunks like this one are computed at a time."""
-        return 1 if self.plan.engine(self.plan.combination(chunk)) == "adaptive" else self.width
+            parts = [_inputs(self.plan, chunk) for chunk in wave]
+            if self.plan.method(self.plan.combination(wave[0])).rule.on_host:
+                return [self._on_the_host(chunk, part) for chunk, part in zip(wave, parts, strict=True)]
+            inputs = self._stacked(parts)
+            with self._lock:
+                key = self.plan.program(wave[0])
+                if key not in self._programs:
+                    began = time.perf_counter()
+                    self._programs[key] = self._compile(wave[0], inputs)
+                    self.compiling += time.perf_counter() - began
+                    if len(self._programs) > _KEPT:
+                        self._programs.popitem(last=False)
+                self._programs.move_to_end(key)
+                program = self._programs[key]
+            began = time.perf_counter()
+            outputs = self._run(program, inputs)
+            seconds = time.perf_counter() - began
+            return [
+                Result(chunk.index, *_outputs(self.plan, chunk, *(output[i] for output in outputs)), seconds)
+                for i, chunk in enumerate(wave)
+            ]
 
     def sample(self, chunk: Chunk) -> tuple[float, float]:
-        """Seconds to compile the program of a chunk, and seconds a cell, measured on a few of its cells."""
+        """Seconds to compile the program of a chunk, and seconds a cell, measured on a few of its cells.
+
+        The latter on all devices, where these compute side by side.
+        """
         combination = self.plan.combination(chunk)
-        engine = self.plan.engine(combination)
+        method = self.plan.method(combination)
         with double_precision():
+            part, count = _inputs(self.plan, chunk), chunk.cells
+            if method.sample is not None and method.sample < count:
+                rows = np.linspace(0, count - 1, method.sample).astype(int)  # spread over the chunk
+                part, count = {name: column[rows] for name, column in part.items()}, method.sample
             began = time.perf_counter()
-            if engine == "adaptive":
-                cells = _some(_flat(self.plan, chunk), _SAMPLE[engine])
-                self._integrals(combination, {name: column[:1] for name, column in cells.items()})
+            if method.rule.on_host:
+                width = 1
+                self._integrals(combination, {name: column[:1] for name, column in part.items()})
                 middle = time.perf_counter()
-                self._integrals(combination, cells)
-                count = len(cells["cos_theta"])
+                self._integrals(combination, part)
             else:
-                if engine == "table":
-                    part, count = _table_inputs(self.plan, chunk, combination), chunk.cells
-                else:
-                    part = _some(_cell_inputs(self.plan, chunk, combination), _SAMPLE[engine])
-                    count = len(part["cos_theta"])
-                inputs = {name: np.stack([values] * self.width) for name, values in part.items()}
-                program = self._compile(chunk, combination, engine, inputs)
+                width, inputs = self.width, self._stacked([part])
+                program = self._compile(chunk, inputs)
                 self._run(program, inputs)
                 middle = time.perf_counter()
                 self._run(program, inputs)
-            return middle - began, (time.perf_counter() - middle) / count
+            return middle - began, (time.perf_counter() - middle) / (count * width)
 
-    # --- engines 1 and 2 ---
+    # --- on the devices ---
 
-    def _on_the_mesh(self, wave: Sequence[Chunk], combination: tuple[int, ...], engine: str) -> list[Result]:
-        prepare, finish = (_table_inputs, _table_outputs) if engine == "table" else (_cell_inputs, _cell_outputs)
-        parts = [prepare(self.plan, chunk, combination) for chunk in wave]
-        parts += [parts[-1]] * (self.width - len(parts))
-        inputs = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
-        with self._lock:
-            key = self.plan.program(wave[0])
-            if key not in self._programs:
-                began = time.perf_counter()
-                self._programs[key] = self._compile(wave[0], combination, engine, inputs)
-                self.compiling += time.perf_counter() - began
-                if len(self._programs) > _KEPT:
-                    self._programs.popitem(last=False)
-            self._programs.move_to_end(key)
-            program = self._programs[key]
-        began = time.perf_counter()
-        value, error, count = self._run(program, inputs)
-        seconds = time.perf_counter() - began
-        return [
-            Result(
-                chunk.index,
-                *finish(self.plan, chunk, value[i], error[i]),
-                _counts(chunk, count[i]),
-                seconds,
-            )
-            for i, chunk in enumerate(wave)
-        ]
+    def _stacked(self, parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """The inputs of a wave, filled up with the last ones."""
+        parts = parts + [parts[-1]] * (self.width - len(parts))
+        return {name: np.stack([part[name] for part in parts]) for name in parts[0]}
 
     def _run(self, program: Callable, inputs: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
         sharding = NamedSharding(self.mesh, PartitionSpec(_AXIS))
         outputs = program({name: jax.device_put(values, sharding) for name, values in inputs.items()})
         return tuple(np.asarray(output) for output in outputs)
 
-    def _compile(self, chunk: Chunk, combination: tuple[int, ...], engine: str, inputs: dict[str, np.ndarray]) -> Callable:
-        function = (_table if engine == "table" else _cells)(self.plan, chunk, combination)
+    def _compile(self, chunk: Chunk, inputs: dict[str, np.ndarray]) -> Callable:
+        table = self.plan.method(self.plan.combination(chunk)).table
+        function = (_table if table else _cells)(self.plan, chunk)
 
         def of_one(inputs: dict[str, Any]) -> tuple[Any, ...]:
             """What one device sees: one chunk, with a leading axis of length 1."""
-            value, error, count = function({name: values[0] for name, values in inputs.items()})
-            return value[None], error[None], jnp.asarray(count)[None]
+            answer = function({name: values[0] for name, values in inputs.items()})
+            return tuple(jnp.asarray(part)[None] for part in (answer.value, answer.error, answer.evaluations))
 
-        sharding = NamedSharding(self.mesh, PartitionSpec(_AXIS))
-        shapes = {name: jax.ShapeDtypeStruct(values.shape, values.dtype, sharding=sharding) for name, values in inputs.items()}
         part = PartitionSpec(_AXIS)
+        sharding = NamedSharding(self.mesh, part)
+        shapes = {name: jax.ShapeDtypeStruct(values.shape, values.dtype, sharding=sharding) for name, values in inputs.items()}
         sharded = jax.shard_map(of_one, mesh=self.mesh, in_specs=(part,), out_specs=part, check_vma=False)
         return jax.jit(sharded).lower(shapes).compile()
 
-    # --- engine 3 ---
+    # --- on the host ---
 
-    def _on_the_host(self, chunk: Chunk, combination: tuple[int, ...]) -> Result:
+    def _on_the_host(self, chunk: Chunk, numbers: dict[str, np.ndarray]) -> Result:
         began = time.perf_counter()
-        values, errors, counts = self._integrals(combination, _flat(self.plan, chunk))
-        value, error = _cell_outputs(self.plan, chunk, values, errors)
-        return Result(chunk.index, value, error, counts.reshape(chunk.shape), time.perf_counter() - began)
+        outputs = self._integrals(self.plan.combination(chunk), {name: part[: chunk.cells] for name, part in numbers.items()})
+        return Result(chunk.index, *_outputs(self.plan, chunk, *outputs), time.perf_counter() - began)
 
     def _integrals(self, combination: tuple[int, ...], numbers: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
         """Albedo, error and evaluations of cells, one adaptive integral each."""
-        settings, evaluator = self.plan.settings(combination), self._evaluator(combination)
-        values, errors, counts = [], [], []
+        settings, tolerance = self.plan.settings(combination), self.plan.method(combination).rule.setting
+        evaluator = self._evaluator(combination)
+        answers = []
         for i, mu in enumerate(numbers["cos_theta"]):
-            row = {name: float(column[i]) for name, column in numbers.items() if name not in ANGLES}
+            row = {name: float(column[i]) for name, column in numbers.items() if name not in (*ANGLES, CELL)}
             turn = float(numbers["azimuth"][i]) if "azimuth" in numbers else 0.0
             try:
                 bound = _rounded(evaluator.bind(row), settings["precision"])
-                answer = adaptive_albedo(bound, mu, turn, self.plan.tolerance(settings))
+                answers.append(adaptive_albedo(bound, float(mu), turn, tolerance))
             except Finding as error:
                 shown = ", ".join(f"{name}={value:g}" for name, value in {**row, "cos_theta": float(mu)}.items())
                 raise UsageError(f"{settings['brdf']} at {shown}: {one_line(error)}") from None
-            values.append(np.asarray(answer.value))
-            errors.append(np.asarray(answer.error))
-            counts.append(int(answer.evaluations))
-        return np.asarray(values), np.asarray(errors), np.asarray(counts, np.int64)
+        return tuple(np.array([np.asarray(getattr(a, part)) for a in answers]) for part in ("value", "error", "evaluations"))
 
     def _evaluator(self, combination: tuple[int, ...]) -> Evaluator:
         # One for each thread: an evaluator keeps its latest program.
         found = self._local.__dict__.setdefault("evaluators", {})
         if combination not in found:
             found.clear()
-            found[combination] = evaluator(self.plan, combination)
+            found[combination] = self.plan.evaluator(combination)
         return found[combination]
 
 
 def _rounded(evaluate: Callable, precision: str) -> Callable:
-    """The function with its values rounded to float32, where that is asked for: the error bars then say so."""
-    if precision == "float64":
-        return evaluate
-    return lambda wi, wo: evaluate(wi, wo).astype(np.float32)
+    """The function with its values rounded to `precision`: the error bars then say so."""
+    return evaluate if np.dtype(precision) == float else lambda wi, wo: evaluate(wi, wo).astype(precision)
 
 
-# --- cells one by one ---
+def _inputs(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
+    """What the program of a chunk computes with, always of the same length.
 
-
-def _some(columns: dict[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
-    """At most `count` cells, spread over the chunk."""
-    size = len(columns["cos_theta"])
-    rows = np.unique(np.linspace(0, size - 1, min(count, size)).astype(int))
-    return {name: column[rows] for name, column in columns.items()}
-
-
-def _flat(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
-    """The numbers of each cell of a chunk, in C order: held ones, and those of its part of the numeric dimensions."""
-    numeric = [(dimension, part) for dimension, part in zip(plan.dimensions, chunk.slices, strict=True) if not dimension.static]
-    grids = np.meshgrid(*(plan.values(dimension.name)[part] for dimension, part in numeric), indexing="ij")
-    columns = {dimension.name: grid.ravel() for (dimension, _), grid in zip(numeric, grids, strict=True)}
-    for name in plan.numeric:
-        if name not in columns:
-            columns[name] = np.full(chunk.cells, plan.values(name)[0])
-    return columns
-
-
-def _cell_inputs(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> dict[str, np.ndarray]:
-    columns = _flat(plan, chunk)
-    columns.pop("azimuth", None)  # lobes of these engines do not turn with the surface
-    dtype = dtype_of(plan, combination)
+    Of a table the cosines; else the numbers of each cell by axis, in C order, and its place among all cells, so that neither
+    the chunks nor the devices have a say in chance.
+    """
+    combination = plan.combination(chunk)
+    method = plan.method(combination)
+    dtype = np.dtype(float) if method.rule.on_host else plan.dtype(combination)
+    if method.table:
+        columns = {"cos_theta": plan.values("cos_theta")[plan.along("cos_theta", chunk)]}
+        length = next((part.chunk for part in plan.dimensions if part.name == "cos_theta"), 1)
+    else:
+        places = np.meshgrid(*(np.arange(part.start, part.stop) for part in chunk.slices), indexing="ij", sparse=True)
+        at = {dimension.name: place for dimension, place in zip(plan.dimensions, places, strict=True)}
+        columns = {name: np.broadcast_to(plan.values(name)[at.get(name, 0)], chunk.shape).ravel() for name in plan.numeric}
+        length = plan.chunk_cells
     columns = {name: column.astype(dtype) for name, column in columns.items()}
-    if plan.engine(combination) == "rule":
-        # Where a cell lies among all cells: chance that neither the chunks nor the devices have a say in.
-        places = np.ix_(*(np.arange(part.start, part.stop) for part in chunk.slices))
-        columns[CELL] = np.ravel_multi_index(places, plan.shape).ravel() if places else np.zeros(1, np.int64)
-    padding = (0, plan.chunk_cells - chunk.cells)
-    return {name: np.pad(column, padding, mode="edge") for name, column in columns.items()}
+    if not method.table:
+        columns[CELL] = np.ravel_multi_index(tuple(places), plan.shape).ravel() if places else np.zeros(1, np.int64)
+    return {name: np.pad(column, (0, length - len(column)), mode="edge") for name, column in columns.items()}
 
 
-def _counts(chunk: Chunk, count: np.ndarray) -> np.ndarray:
-    """Evaluations of each cell of a chunk, from those of each cell in a row or from one number for all."""
-    if count.ndim:
-        return count[: chunk.cells].reshape(chunk.shape).astype(np.int64)
-    return np.full(chunk.shape, count, np.int64)
-
-
-def _cell_outputs(plan: Plan, chunk: Chunk, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    trailing = () if plan.channels is None else (plan.channels,)
-    value, error = (np.asarray(part[: chunk.cells], np.float64) for part in (value, error))
-    return value.reshape(chunk.shape + trailing), error.reshape(chunk.shape + trailing)
-
-
-def _cells(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> Callable:
-    function = of_cell(plan, combination)
-    # Rules bound their memory themselves, for one cell.
-    batch = 1 if plan.engine(combination) == "rule" else engine_of(plan.subject(combination).template).batch
-
-    def cells(inputs: dict[str, Any]) -> tuple[Any, Any, Any]:
-        value, error, count = batched(function, inputs, inputs["cos_theta"].size, batch)
-        return value, error, count
-
-    return cells
-
-
-# --- tables over n and cos theta ---
-
-
-def _table_inputs(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> dict[str, np.ndarray]:
+def _outputs(plan: Plan, chunk: Chunk, value: Any, error: Any, count: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Albedo, error and evaluations in the shape of a chunk, from those of its program."""
+    table = plan.method(plan.combination(chunk)).table
     names = [dimension.name for dimension in plan.dimensions]
-    if "cos_theta" not in names:
-        return {"cos_theta": plan.values("cos_theta").astype(dtype_of(plan, combination))}
-    at = names.index("cos_theta")
-    cosines = plan.values("cos_theta")[chunk.slices[at]]
-    padding = (0, plan.dimensions[at].chunk - len(cosines))
-    return {"cos_theta": np.pad(cosines, padding, mode="edge").astype(dtype_of(plan, combination))}
+
+    def placed(part: Any) -> np.ndarray:
+        part = np.asarray(part)
+        if not table:
+            part = part[: chunk.cells]
+        else:
+            cosines = plan.along("cos_theta", chunk)
+            part = part[:, : cosines.stop - cosines.start]
+            if "cos_theta" in names and names.index("cos_theta") < names.index("n"):
+                part = np.swapaxes(part, 0, 1)
+        return np.ascontiguousarray(part, np.float64).reshape(chunk.shape + (() if plan.channels is None else (plan.channels,)))
+
+    count = np.asarray(count, np.int64)
+    counts = count[: chunk.cells].reshape(chunk.shape) if count.ndim else np.full(chunk.shape, count)
+    return placed(value), placed(error), counts
 
 
-def _table_outputs(plan: Plan, chunk: Chunk, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    names = [dimension.name for dimension in plan.dimensions if not dimension.static]
-    size = dict(zip((dimension.name for dimension in plan.dimensions), chunk.shape, strict=True)).get("cos_theta", 1)
-    trailing = () if plan.channels is None else (plan.channels,)
-
-    def placed(part: np.ndarray) -> np.ndarray:
-        part = np.asarray(part[:, :size], np.float64)
-        if names.index("n") > (names.index("cos_theta") if "cos_theta" in names else -1) and "cos_theta" in names:
-            part = np.swapaxes(part, 0, 1)
-        return np.ascontiguousarray(part).reshape(chunk.shape + trailing)
-
-    return placed(value), placed(error)
+def _cells(plan: Plan, chunk: Chunk) -> Callable:
+    combination = plan.combination(chunk)
+    cell, batch = plan.cell(combination), plan.method(combination).batch
+    return lambda inputs: batched(cell, inputs, inputs[CELL].size, batch)
 
 
-def _table(plan: Plan, chunk: Chunk, combination: tuple[int, ...]) -> Callable:
-    subject, settings = plan.subject(combination), plan.settings(combination)
-    dtype = dtype_of(plan, combination)
-    place = dict(zip((dimension.name for dimension in plan.dimensions), chunk.slices, strict=True))
-    exponents = plan.values("n")[place["n"]]
-    held = {name: float(plan.values(name)[0]) for name in plan.numeric if name not in (*CHOICES, *ANGLES) and name != "n"}
+def _table(plan: Plan, chunk: Chunk) -> Callable:
+    combination = plan.combination(chunk)
+    subject, dtype = plan.subject(combination), plan.dtype(combination)
+    exponents = plan.values("n")[plan.along("n", chunk)]
+    held = {name: float(plan.values(name)[0]) for name in plan.numeric if name not in (*ANGLES, "n")}
+    rtol = plan.settings(combination).get("rtol")
 
     def family(n: Any) -> Any:
         return of_type(subject.build(n=n, **held), dtype)
 
-    def table(inputs: dict[str, Any]) -> tuple[Any, Any, Any]:
-        answer = albedo_table(family, exponents, inputs["cos_theta"], rtol=settings.get("rtol"))
-        return answer.value, answer.error, answer.evaluations
-
-    return table
+    return lambda inputs: albedo_table(family, exponents, inputs["cos_theta"], rtol=rtol)

@@ -7,6 +7,7 @@ machine, cuts it into the same chunks and computes each of them by the same prog
 from __future__ import annotations
 
 import functools
+import hashlib
 import itertools
 import math
 from collections.abc import Container, Iterable, Iterator, Mapping
@@ -15,30 +16,25 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
+from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep import subjects
-from brdfcheck.sweep.cells import channels
 from brdfcheck.sweep.config import ANGLES, CHOICES, Axis, Config
-from brdfcheck.sweep.subjects import Source, Subject
+from brdfcheck.sweep.subjects import DEFAULT, Method, Subject
 
-# Cells of a chunk where the configuration says nothing, (at least, at most), by what a cell costs: some tens of
-# nanoseconds, some microseconds, some milliseconds (twice), up to a second. A killed sweep loses some seconds of work.
-_CELLS = {
-    "table": (20_000, 250_000),
-    "zonal": (1_000, 20_000),
-    "half-vector": (32, 512),
-    "rule": (32, 512),
-    "adaptive": (1, 32),
-}
-# Between those bounds a sweep is cut into about this many chunks.
+# Between the bounds of its method a sweep is cut into about this many chunks.
 _CHUNKS = 32
-# Parts of the exponents up to which tables are made.
+# Parts of the exponents up to which tables are made: each is a program.
 _PROGRAMS = 16
-# Bytes of a cell in the store: albedo, error, evaluations.
-_CELL_BYTES = 24
+CELL = "cell index"
+"""The name under which a cell's function is given its number: where rules that draw at random begin."""
 
 
 @dataclass(frozen=True)
@@ -79,42 +75,58 @@ class Chunk:
 class Plan:
     """What is to be computed. UsageError where the BRDF and the axes do not fit together.
 
-    `config`: the configuration; `places`: where users' files are that are not at their path from its folder.
+    `config`: the configuration; `places`: where users' files are that are not at their path from its folder. A combination is
+    the indices along the static axes, whose values each need a program of their own. `shape` counts cells along each dimension,
+    `grid` chunks; `cells` and `chunks` all of them, `chunk_cells` those of a whole chunk of `chunk_shape`.
     """
 
     def __init__(self, config: Config, places: Mapping[str, Path] | None = None):
         self.config = config
         modules: dict[str, ModuleType] = {}
-        self._sources: dict[str, Source] = {}
-        for name in config.axes["brdf"].values:
-            try:
-                self._sources[name] = subjects.find(name, config.folder, modules, places or {})
-            except UsageError as error:
-                raise config.fail("brdf", str(error)) from None
+        try:
+            self._sources = {
+                name: subjects.find(name, config.folder, modules, places or {}) for name in config.axes["brdf"].values
+            }
+        except UsageError as error:
+            raise config.fail("brdf", str(error)) from None
         static = {name for name in config.axes if name in CHOICES or self._is_static(name)}
         self._axes = {name: self._with_whole_numbers(axis) if name in static else axis for name, axis in config.axes.items()}
         self.static = tuple(name for name in self._axes if name in static)
         self.numeric = tuple(name for name in self._axes if name not in static)
-        engines = {self.engine(combination) for combination in self._combinations()}
-        self.channels = self._channels()
-        # The programs and files are known now; what is left is how to cut.
+        self._parameters = tuple(name for name in self.numeric if name not in ANGLES)
+        combinations = list(itertools.product(*(range(len(self._axes[name])) for name in self.static)))
+        methods = [self.method(combination) for combination in combinations]
+        if "rtol" in config.axes and DEFAULT not in config.axes["rule"].values:
+            raise config.fail("rtol", f"is for the rule {DEFAULT!r}; others have a setting, as in adaptive:1e-6")
+        channels = {self._channels(combination): self.settings(combination)["brdf"] for combination in combinations}
+        if len(channels) > 1:
+            shown = ", ".join(f"{name} has {count or 'none'}" for count, name in channels.items())
+            raise config.fail("brdf", f"the BRDFs differ in their channels: {shown}")
+        (self.channels,) = channels
+        self._combinations = combinations
+        # The files are known now; what is left is how to cut.
         self.sources = subjects.source_files(self._sources)
-        self.dimensions = self._dimensions(engines)
-        self.held = {name: axis for name, axis in self._axes.items() if axis.held}
+        self.dimensions = self._dimensions(methods)
+        self.held = tuple(name for name, axis in self._axes.items() if axis.held)
+        self.shape = tuple(map(len, self.dimensions))
+        self.chunk_shape = tuple(dimension.chunk for dimension in self.dimensions)
+        self.grid = tuple(dimension.chunks for dimension in self.dimensions)
+        self.cells, self.chunk_cells, self.chunks = map(math.prod, (self.shape, self.chunk_shape, self.grid))
 
     # --- what is swept ---
 
     def _is_static(self, name: str) -> bool:
         """True where a parameter is part of the structure of the BRDF: words, truth values, declared whole numbers."""
-        axis = self.config.axes[name]
+        values, sources = self.config.axes[name].values, self._sources.values()
         if name in ANGLES:
             return False
-        if isinstance(axis.values, tuple) and isinstance(axis.values[0], (str, bool)):
-            if any(name in source.numbers for source in self._sources.values()):
-                raise self.config.fail(f"axes.{name}", f"must hold numbers; got {axis.values[0]!r}")
+        listed = isinstance(values, tuple)
+        if listed and isinstance(values[0], str | bool):
+            if not all(source.takes_words(name) for source in sources):
+                raise self.config.fail(f"axes.{name}", f"must hold numbers; got {values[0]!r}")
             return True
-        listed = isinstance(axis.values, tuple)
-        return any(name in (source.whole if listed else source.integers) for source in self._sources.values())
+        whole = [source.signature.integers | (source.signature.whole if listed else frozenset()) for source in sources]
+        return any(name in names for names in whole)
 
     def _with_whole_numbers(self, axis: Axis) -> Axis:
         if isinstance(axis.values, tuple) or axis.name in CHOICES:
@@ -129,101 +141,101 @@ class Plan:
         values = self._axes[name].values
         if isinstance(values[0], str):
             return np.array(values, dtype=np.dtypes.StringDType())
-        if name not in self.static:
-            return np.array([float(value) for value in values])
-        return np.array(values)
-
-    def _combinations(self) -> Iterator[tuple[int, ...]]:
-        return itertools.product(*(range(len(self._axes[name])) for name in self.static))
+        return np.asarray(values, None if name in self.static else float)
 
     def settings(self, combination: tuple[int, ...]) -> dict[str, Any]:
-        """The static settings and parameters behind indices along the static axes."""
+        """The static settings and parameters of a combination."""
         values = {name: self._axes[name].values[i] for name, i in zip(self.static, combination, strict=True)}
         return {name: float(value) if isinstance(value, np.floating) else value for name, value in values.items()}
 
+    def dtype(self, combination: tuple[int, ...]) -> np.dtype:
+        """The precision of the cells of a combination."""
+        return np.dtype(self.settings(combination)["precision"])
+
     @functools.lru_cache(maxsize=256)  # noqa: B019 - a plan lives as long as its process
     def subject(self, combination: tuple[int, ...]) -> Subject:
-        """The BRDF with the static parameters at these indices."""
+        """The BRDF of a combination. UsageError where it does not take the parameters."""
         settings = self.settings(combination)
         parameters = {name: value for name, value in settings.items() if name not in CHOICES}
-        ranges = {}
-        for name in self.numeric:
-            if name not in ANGLES:
-                values = self.values(name)
-                ranges[name] = (float(values.min()), float(values.max()))
+        ranges = {name: (float(self.values(name).min()), float(self.values(name).max())) for name in self._parameters}
         try:
             return subjects.subject(self._sources[settings["brdf"]], parameters, ranges)
         except UsageError as error:
             raise self.config.fail("axes", str(error)) from None
 
     @functools.lru_cache(maxsize=256)  # noqa: B019
-    def engine(self, combination: tuple[int, ...]) -> str:
-        """How cells are computed: "table", "zonal", "half-vector", "adaptive" or "rule"."""
-        settings = self.settings(combination)
-        rule, offered = settings["rule"], self.subject(combination).engine
-        if rule == "default":
-            exponents = [name for name in self.numeric if not self._axes[name].held and name not in ANGLES]
-            turns = "azimuth" in self.numeric and not self._axes["azimuth"].held
-            table = offered == "zonal" and exponents == ["n"] and not turns
-            # Each part of the exponents is a program: not for chunks that the configuration wants to be slivers.
-            table = table and len(self._axes["n"]) <= _PROGRAMS * self.config.chunks.get("n", _CELLS["table"][1])
-            return "table" if table else offered
-        if rule == offered or rule.partition(":")[0] == "adaptive":
-            self.tolerance(settings)
-            return rule.partition(":")[0]
-        found, brdf = self.rule(rule), self._example(combination)
-        if not found.takes(brdf):
-            raise self.config.fail("rule", f"{settings['brdf']} does not fit the rule {rule!r}, which needs {found.needs}")
-        return "rule"
-
-    def rule(self, text: str) -> Any:
-        """The rule of `brdfcheck.quadrature.closed_form` behind "name" or "name:setting". UsageError where there is none."""
-        from brdfcheck.quadrature.registry import RULES
-
-        name, colon, setting = text.partition(":")
-        if name not in RULES:
-            raise self.config.fail("rule", f"unknown rule {name!r}; allowed: default, {', '.join(RULES)}")
-        rule: Any = RULES[name]
-        if not colon:
-            return rule()
-        kind = type(rule.ladder[0])
+    def method(self, combination: tuple[int, ...]) -> Method:
+        """How the cells of a combination are computed. UsageError where there is no such rule or it does not take the BRDF."""
+        settings, template = self.settings(combination), self.subject(combination).template
         try:
-            return rule(kind(setting))
-        except (TypeError, ValueError) as error:
-            example = f"{name}:{rule.ladder[-1]:g}"
-            raise self.config.fail("rule", f"the setting of {text!r}: {one_line(error)}; as in {example!r}") from None
-
-    def tolerance(self, settings: Mapping[str, Any]) -> float:
-        """What engine 3 aims at: the setting of the rule, else rtol, else 1e-8."""
-        setting = settings["rule"].partition(":")[2]
-        return self.rule(settings["rule"]).setting if setting else settings.get("rtol", 1e-8)
-
-    def _example(self, combination: tuple[int, ...]) -> Any:
-        """The BRDF at the first value of every axis."""
-        numbers = {name: float(self.values(name)[0]) for name in self.numeric if name not in ANGLES}
+            rule = subjects.rule_of(settings["rule"], settings.get("rtol"), template)
+        except ValueError as error:
+            raise self.config.fail("rule", str(error)) from None
         with double_precision():
-            return self.subject(combination).build(**numbers)
+            example = self.subject(combination).build(**{name: float(self.values(name)[0]) for name in self._parameters})
+        if not rule.on_host and not rule.takes(example):
+            raise self.config.fail(
+                "rule", f"{settings['brdf']} does not fit the rule {settings['rule']!r}, which needs {rule.needs}"
+            )
+        swept = [name for name in self.numeric if not self._axes[name].held and name != "cos_theta"]
+        table = isinstance(template, AbstractZonalLobe) and swept == ["n"]
+        table = table and rule == engine_of(template).at(settings.get("rtol"))
+        # Not for chunks that the configuration wants to be slivers: each part of the exponents would be a program.
+        table = table and len(self._axes["n"]) <= _PROGRAMS * self.config.chunks.get("n", len(self._axes["n"]))
+        return subjects.method(rule, template, table=table)
 
-    def _channels(self) -> int | None:
-        """How many channels the results have; None for scalar BRDFs."""
-        found: dict[int | None, Any] = {}
-        for combination in self._combinations():
-            found.setdefault(channels(self, combination), self.settings(combination)["brdf"])
-        if len(found) > 1:
-            shown = ", ".join(f"{name} has {count or 'none'}" for count, name in found.items())
-            raise self.config.fail("brdf", f"the BRDFs differ in their channels: {shown}")
-        return next(iter(found))
+    def cell(self, combination: tuple[int, ...]) -> Any:
+        """A function of a cell's numbers, by axis and `CELL`, that gives the `Estimate` of the combination's rule."""
+        build, dtype, rule = self.subject(combination).build, self.dtype(combination), self.method(combination).rule
+
+        def cell(numbers: dict[str, Any]) -> Any:
+            brdf = build(**{name: numbers[name] for name in self._parameters})
+            if isinstance(brdf, AbstractBRDF):
+                brdf = subjects.of_type(brdf, dtype)
+            elif "azimuth" in numbers:
+                brdf = subjects.turned(brdf, numbers["azimuth"])
+            key = jax.random.key(self.config.seed)
+            for part in (numbers[CELL] >> 32, numbers[CELL] & 0xFFFFFFFF):
+                key = jax.random.fold_in(key, part.astype(jnp.uint32))
+            return rule(brdf, numbers["cos_theta"], key=key if rule.random else None)
+
+        return cell
+
+    def evaluator(self, combination: tuple[int, ...]) -> Evaluator:
+        """The BRDF of a combination as the adaptive rule sees it. UsageError where it cannot be evaluated."""
+        middle = {name: float(self.values(name).min() + self.values(name).max()) / 2 for name in self._parameters}
+        try:
+            with double_precision():
+                return Evaluator(self.subject(combination).build, middle)
+        except Finding as error:
+            raise self.config.fail("brdf", one_line(error)) from None
+
+    def _channels(self, combination: tuple[int, ...]) -> int | None:
+        """How many channels the BRDF of a combination has; None where it gives one number."""
+        if self.method(combination).rule.on_host:
+            return self.evaluator(combination).channels
+        with double_precision():
+            shapes: dict[str, Any] = {name: jax.ShapeDtypeStruct((), self.dtype(combination)) for name in self.numeric}
+            shapes[CELL] = jax.ShapeDtypeStruct((), np.int64)
+            try:
+                shape = jax.eval_shape(self.cell(combination), shapes).value.shape
+            except Exception as error:
+                settings = self.settings(combination)
+                text = f"{settings['brdf']} cannot be traced by JAX, which the rule {settings['rule']!r} needs"
+                raise self.config.fail("rule", f"{text} ({type(error).__name__}: {one_line(error)})") from None
+        return shape[0] if shape else None
 
     # --- how it is cut ---
 
-    def _dimensions(self, engines: set[str]) -> tuple[Dimension, ...]:
-        least, most = (min(_CELLS[engine][i] for engine in engines) for i in (0, 1))
+    def _dimensions(self, methods: list[Method]) -> tuple[Dimension, ...]:
+        least, most = (min(method.cells[i] for method in methods) for i in (0, 1))
         names = [name for name in self.numeric if not self._axes[name].held]
         total = math.prod(len(self._axes[name]) for name in names)
         left = max(1, min(max(total // _CHUNKS, least), most) // (self.channels or 1))
         sizes: dict[str, int] = {}
         # A table is cheapest with all exponents in one chunk: its nodes are paid for once a cosine.
-        order = sorted(names, key=lambda name: name == "n" and "table" in engines)
+        tables = any(method.table for method in methods)
+        order = sorted(names, key=lambda name: name == "n" and tables)
         for name in reversed(order):
             sizes[name] = self.config.chunks.get(name, min(left, len(self._axes[name])))
             left = max(1, left // sizes[name])
@@ -236,34 +248,9 @@ class Plan:
             dimensions.append(Dimension(name, axis, name in self.static, sizes.get(name, 1)))
         return tuple(dimensions)
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return tuple(len(dimension) for dimension in self.dimensions)
-
-    @property
-    def grid(self) -> tuple[int, ...]:
-        """How many chunks lie along each dimension."""
-        return tuple(dimension.chunks for dimension in self.dimensions)
-
-    @property
-    def chunk_shape(self) -> tuple[int, ...]:
-        return tuple(dimension.chunk for dimension in self.dimensions)
-
-    @property
-    def cells(self) -> int:
-        return math.prod(self.shape)
-
-    @property
-    def chunks(self) -> int:
-        return math.prod(self.grid)
-
-    @property
-    def chunk_cells(self) -> int:
-        return math.prod(self.chunk_shape)
-
     def size(self, cells: int) -> int:
         """Bytes of the results of so many cells."""
-        return cells * (_CELL_BYTES if self.channels is None else 16 * self.channels + 8)
+        return cells * (16 * (self.channels or 1) + 8)
 
     def chunk(self, index: int) -> Chunk:
         """The chunk of that number, in C order."""
@@ -276,30 +263,30 @@ class Plan:
 
     def combination(self, chunk: Chunk) -> tuple[int, ...]:
         """The indices of a chunk along the static axes."""
-        starts = {dimension.name: part.start for dimension, part in zip(self.dimensions, chunk.slices, strict=True)}
-        return tuple(starts.get(name, 0) for name in self.static)
+        return tuple(self.along(name, chunk).start for name in self.static)
+
+    def along(self, name: str, chunk: Chunk) -> slice:
+        """A chunk's part of an axis."""
+        parts = {dimension.name: part for dimension, part in zip(self.dimensions, chunk.slices, strict=True)}
+        return parts.get(name, slice(0, 1))
 
     def program(self, chunk: Chunk) -> tuple[Any, ...]:
         """What the program of a chunk depends on: chunks of one program can be computed side by side."""
         combination = self.combination(chunk)
-        if self.engine(combination) != "table":
-            return combination, None
         # The nodes of a table follow from its exponents.
-        place = dict(zip((dimension.name for dimension in self.dimensions), chunk.slices, strict=True))["n"]
-        return combination, (place.start, place.stop)
+        return combination, self.along("n", chunk).start if self.method(combination).table else None
 
     def programs(self) -> Iterator[tuple[tuple[int, ...], tuple[range, ...]]]:
         """For each program in turn, its static indices, and along each dimension which chunks it computes."""
-        for combination in self._combinations():
+        for combination in self._combinations:
             at = dict(zip(self.static, combination, strict=True))
             places = [range(at[d.name], at[d.name] + 1) if d.static else range(d.chunks) for d in self.dimensions]
-            names = [dimension.name for dimension in self.dimensions]
-            if self.engine(combination) != "table":
+            if self.method(combination).table:  # see `program`
+                axis = [dimension.name for dimension in self.dimensions].index("n")
+                for part in places[axis]:
+                    yield combination, (*places[:axis], range(part, part + 1), *places[axis + 1 :])
+            else:
                 yield combination, tuple(places)
-                continue
-            axis = names.index("n")
-            for part in places[axis]:  # see `program`
-                yield combination, (*places[:axis], range(part, part + 1), *places[axis + 1 :])
 
     def cells_of(self, places: tuple[range, ...]) -> int:
         """How many cells the chunks at these places have, counted along each dimension."""
@@ -329,6 +316,7 @@ class Plan:
         document["dimensions"] = [dimension.name for dimension in self.dimensions]
         if self.sources:
             document["files"] = {
-                path: {name: subjects.digest(text) for name, text in texts.items()} for path, texts in self.sources.items()
+                path: {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+                for path, texts in self.sources.items()
             }
         return document

@@ -25,12 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a sweep has come: cells and chunks in the store, and how many of them were there when it began."""
+    """How far a sweep has come: cells and chunks in the store, and how many of the cells were there when it began."""
 
     cells: int
     chunks: int
     cells_before: int
-    chunks_before: int
 
 
 @dataclass(frozen=True)
@@ -88,34 +87,28 @@ def fill(
             cluster = stack.enter_context(Cluster(scheduler))
         store = stack.enter_context(Store(out, plan, repair=repair))
         found, cells_found = len(store.done), sum(plan.chunk(index).cells for index in store.done)
-        cells = cells_found
-
-        def say() -> None:
-            if progress is not None:
-                progress(Progress(cells, len(store.done), cells_found, found))
-
-        say()
+        results: Iterator[Result] = iter(())
         if found < plan.chunks:
-            results: Iterator[Result]
             missing = plan.missing(frozenset(store.done))
             if cluster is None:
                 computer = Computer(plan)
                 results = itertools.chain.from_iterable(map(computer, plan.waves(missing, computer.width)))
             else:
                 results = cluster.results(plan, missing)
-            for result in results:
-                store.write(result)
-                cells += plan.chunk(result.index).cells
-                say()
-        seconds = time.perf_counter() - began
-        compiling = computer.compiling if computer is not None else 0.0
+        cells = cells_found
+        say = progress or (lambda _: None)
+        say(Progress(cells, found, cells_found))
+        for result in results:
+            store.write(result)
+            cells += plan.chunk(result.index).cells
+            say(Progress(cells, len(store.done), cells_found))
         return Summary(
             computed=plan.chunks - found,
             found=found,
             cells=cells - cells_found,
             repaired=store.repaired,
-            seconds=seconds,
-            compiling=compiling,
+            seconds=time.perf_counter() - began,
+            compiling=computer.compiling if computer is not None else 0.0,
             not_a_number=store.not_a_number,
             infinite=store.infinite,
         )
@@ -157,8 +150,7 @@ def estimate(plan: Plan, out: str | os.PathLike[str] | None) -> Estimate:
         found = store.done
     computer = Computer(plan)
     there: Counter[Any] = Counter()
-    for index in found:
-        chunk = plan.chunk(index)
+    for chunk in map(plan.chunk, found):
         there[plan.program(chunk)] += chunk.cells
     # By program, not chunk by chunk: a dry run is for sweeps that are too large.
     kinds: dict[tuple[Any, ...], list[tuple[Chunk, int]]] = {}
@@ -167,18 +159,16 @@ def estimate(plan: Plan, out: str | os.PathLike[str] | None) -> Estimate:
         cells = plan.cells_of(places) - there[plan.program(first)]
         if cells:
             settings = plan.settings(combination)
-            kind = tuple(settings[name] for name in ("brdf", "rule", "precision"))
-            kinds.setdefault(kind, []).append((first, cells))
+            kinds.setdefault(tuple(settings[name] for name in ("brdf", "rule", "precision")), []).append((first, cells))
     seconds = compiling = 0.0
     for programs in kinds.values():
-        middle = programs[len(programs) // 2][0]
-        compile_one, per_cell = computer.sample(middle)
-        if len(programs) > 1:  # the first of its kind is slower by what is traced and imported once
+        half = len(programs) // 2
+        compile_one, per_cell = computer.sample(programs[half][0])
+        if half:  # the first of its kind is slower by what is traced and imported once
             compiling += compile_one
-            compile_one, per_cell = computer.sample(programs[len(programs) // 2 - 1][0])
+            compile_one, per_cell = computer.sample(programs[half - 1][0])
             compiling -= compile_one
         compiling += compile_one * len(programs)
-        seconds += per_cell * sum(cells for _, cells in programs) / computer.lanes(middle)
-    return Estimate(
-        seconds + compiling, compiling, plan.size(plan.chunk_cells) * computer.width, plan.size(plan.cells), len(found)
-    )
+        seconds += per_cell * sum(cells for _, cells in programs)
+    memory = plan.size(plan.chunk_cells) * computer.width
+    return Estimate(seconds + compiling, compiling, memory, plan.size(plan.cells), len(found))

@@ -1,11 +1,8 @@
-"""From the name of a BRDF in a configuration to something that builds it from numbers: catalogue, classes, users' files."""
+"""What is swept: BRDFs by their names, through the one door (`brdfcheck.brdf.subject`), and rules by theirs."""
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import hashlib
-import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,59 +15,40 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf import catalog, lobes, microfacet
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.factors import Normalized, PerCosine, has_engine, peel
-from brdfcheck.brdf.family import corners
-from brdfcheck.brdf.readers.python import is_file_spec, load_object, split_spec
-from brdfcheck.brdf.subject import family_of
+from brdfcheck.brdf.factors import has_engine, peel
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.readers.python import is_file_spec, split_spec
+from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
 from brdfcheck.messages import UsageError, one_line
+from brdfcheck.quadrature.functions import Adaptive
+from brdfcheck.quadrature.registry import RULES, engine_of
+from brdfcheck.quadrature.rule import AbstractEngine, AbstractRule
 from brdfcheck.runtime import double_precision
 
-CLASSES: Mapping[str, Callable[..., Any]] = {
-    cls.__name__: cls
-    for cls in (
-        lobes.BinomialPower,
-        lobes.BlinnPhong,
-        lobes.KuijkBlake,
-        lobes.Lambert,
-        lobes.Lyon,
-        lobes.Phong,
-        lobes.Schlick,
-        microfacet.CookTorrance,
-        microfacet.GGX,
-    )
-}
+
+@dataclass(frozen=True)
+class Source:
+    """What a name stands for, before its parameters are known. `file`: where a user's BRDF is defined."""
+
+    name: str
+    value: Any
+    signature: Signature
+    file: Path | None
+
+    def takes_words(self, parameter: str) -> bool:
+        """False for a parameter of one of this package's BRDFs that is a number."""
+        return self.file is not None or parameter in self.signature.words or parameter not in self.signature.names
 
 
 @dataclass(frozen=True)
 class Subject:
     """A BRDF with its static parameters set: ``build(**numbers)`` makes one member of the family.
 
-    `engine`: "zonal", "half-vector" or "adaptive". `template`: its structure without numbers (None for functions).
+    `template`: the structure of its lobe without numbers, None for functions, which have no engine of their own.
     """
 
-    name: str
     build: Callable[..., Any]
-    engine: str
     template: Any
-
-
-@dataclass(frozen=True)
-class Source:
-    """What a name stands for, before its parameters are known. `file`: where a user's BRDF is defined.
-
-    `integers`: parameters that are part of the BRDF's structure, so that each value needs a program of its own;
-    `whole`: those that are so where they are given as whole numbers; `numbers`: those that words cannot be.
-    """
-
-    name: str
-    value: Any
-    kind: str  # "catalog", "class" or "user"
-    integers: frozenset[str] = frozenset()
-    whole: frozenset[str] = frozenset()
-    numbers: frozenset[str] = frozenset()
-    file: Path | None = None
 
 
 def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mapping[str, Path]) -> Source:
@@ -78,160 +56,125 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
 
     `modules`: users' files loaded so far. `places`: where users' files are that are not at their path from `folder`.
     """
-    if name in catalog.names():
-        family = catalog.entry(name).family
-        fields = frozenset(_whole_fields(family))
-        return Source(name, family, "catalog", fields, fields, fields | frozenset(family.ranges))
-    if name in CLASSES:
-        parameters = inspect.signature(CLASSES[name]).parameters.values()
-        numbers = frozenset(part.name for part in parameters if not isinstance(part.default, (str, bool)))
-        return Source(name, CLASSES[name], "class", *_whole_parameters(CLASSES[name]), numbers)
-    if not is_file_spec(name):
-        try:
-            catalog.entry(name)
-        except KeyError as error:
-            raise UsageError(f"{error.args[0]}; classes: {', '.join(CLASSES)}") from None
-    path, attribute = split_spec(name)
-    absolute = str(places.get(path, folder / path))
-    value, _ = load_object(absolute if attribute is None else f"{absolute}:{attribute}", modules)
-    return Source(name, value, "user", *_whole_parameters(value), file=Path(absolute).resolve())
-
-
-def _whole_fields(family: Any) -> list[str]:
-    """Whole-number fields of a catalogue entry's lobe, such as the k of the binomial power: they may be swept, too."""
-    shape = eqx.filter_eval_shape(family.build, **{name: jax.ShapeDtypeStruct((), np.float32) for name in family.ranges})
-    core = peel(shape)[0]
-    return [part.name for part in dataclasses.fields(core) if type(getattr(core, part.name)) is int]
-
-
-def _whole_parameters(value: Callable[..., Any]) -> tuple[frozenset[str], frozenset[str]]:
-    try:
-        parameters = inspect.signature(value).parameters.values()
-    except (TypeError, ValueError):
-        return frozenset(), frozenset()
-    declared = frozenset(parameter.name for parameter in parameters if parameter.annotation in (int, "int"))
-    return declared, declared | frozenset(parameter.name for parameter in parameters if type(parameter.default) is int)
+    file, spec = None, name
+    if is_file_spec(name):
+        path, attribute = split_spec(name)
+        file = Path(places.get(path, folder / path))
+        spec = str(file) if attribute is None else f"{file}:{attribute}"
+    value, _ = named(spec, modules)
+    return Source(name, value, signature_of(value), None if file is None else file.resolve())
 
 
 def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]) -> Subject:
     """The BRDF with its static parameters, for numbers within `ranges`. UsageError where it does not take them."""
-    make = {"catalog": _from_catalog, "class": _from_class, "user": _from_user}[source.kind]
-    build = make(source, static, ranges)
+    words = {name: value for name, value in static.items() if isinstance(value, str | bool)}
+    whole = {name: (float(value), float(value)) for name, value in static.items() if name not in words}
+    bounds = {**whole, **ranges}
     with double_precision():
-        _try_corners(source, build, static, ranges)
-        template = _template(build, ranges)
-    if template is None:
-        return Subject(source.name, build, "adaptive", None)
-    engine = "zonal" if isinstance(peel(template)[0], AbstractZonalLobe) else "half-vector"
-    return Subject(source.name, build, engine, template)
+        family = _family(source, words, bounds)
+        missing = [name for name in family.ranges if name not in bounds]
+        if missing:
+            raise UsageError(_needs(source, missing))
 
+        def build(**numbers: Any) -> Any:
+            # What the door holds itself (a whole number, a range of no length) is not passed again.
+            return family.build(**{name: numbers[name] for name in family.ranges})
 
-def _template(build: Callable[..., Any], ranges: Mapping[str, Any]) -> Any:
-    try:
-        brdf = eqx.filter_eval_shape(build, **{name: jax.ShapeDtypeStruct((), np.float64) for name in ranges})
-    except Exception:  # the factory needs numbers, not tracers: engine 3
-        return None
-    return brdf if has_engine(brdf) else None
-
-
-def _from_catalog(source: Source, static: Mapping[str, Any], ranges: Mapping[str, Any]) -> Callable[..., Any]:
-    family = source.value
-    _check_names(source, tuple(family.ranges), tuple(family.ranges), static, ranges)
-
-    def build(**numbers: Any) -> Any:
-        return _with_fields(family.build(**numbers), static)
-
-    return build
-
-
-def _with_fields(brdf: Any, fields: Mapping[str, Any]) -> Any:
-    """The BRDF with other static fields in the lobe inside its wrappers."""
-    if not fields:
-        return brdf
-    if isinstance(brdf, Normalized):
-        return Normalized(_with_fields(brdf.lobe, fields), brdf.factor)
-    if isinstance(brdf, PerCosine):
-        return PerCosine(_with_fields(brdf.base, fields))
-    return dataclasses.replace(brdf, **fields)
-
-
-def _from_class(source: Source, static: Mapping[str, Any], ranges: Mapping[str, Any]) -> Callable[..., Any]:
-    parameters = inspect.signature(source.value).parameters
-    required = tuple(name for name, parameter in parameters.items() if parameter.default is parameter.empty)
-    _check_names(source, tuple(parameters), required, static, ranges)
-    return functools.partial(source.value, **static)
-
-
-def _check_names(
-    source: Source, known: tuple[str, ...], required: tuple[str, ...], static: Mapping[str, Any], ranges: Mapping[str, Any]
-) -> None:
-    allowed = (*known, *sorted(source.integers - set(known)))
-    for name in (*static, *ranges):
-        if name not in allowed:
-            raise UsageError(f"unknown axis {name!r}: {source.name} takes {', '.join(allowed)}, and any BRDF cos_theta")
-    for name in required:
-        if name not in static and name not in ranges:
-            raise UsageError(f"{source.name} needs an axis {name!r}, as in {name} = {{ geomspace = [0.1, 1, 10] }}")
-
-
-def _from_user(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]) -> Callable[..., Any]:
-    numbers = {name: value for name, value in static.items() if isinstance(value, int) and not isinstance(value, bool)}
-    words = {name: value for name, value in static.items() if name not in numbers}
-    for name in words:
-        if name not in _takes(source.value, name):
-            raise UsageError(f"unknown axis {name!r}: {source.name} has no such parameter")
-    value = functools.partial(source.value, **words) if words else source.value
-    bounds = {**{name: (float(value), float(value)) for name, value in numbers.items()}, **ranges}
-    try:
-        target = family_of(value, source.name, bounds, None)
-    except UsageError as error:
-        text = str(error).split(": --over")[0].replace("must be given a range", "must be an axis or a held value")
-        raise UsageError(text.replace("has no parameter", "unknown axis: it has no parameter")) from None
-    family, held = target.family, target.family.held
-
-    def build(**given: Any) -> Any:
-        # What `family_of` holds itself (a range of no length) is not passed again.
-        return family.build(**{name: value for name, value in given.items() if name not in held})
-
-    build.__name__ = family.build.__name__
-    return build
-
-
-def _takes(function: Callable[..., Any], name: str) -> tuple[str, ...]:
-    """The names of a callable's parameters, and `name` too where it takes any keyword."""
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return (name,)
-    names = tuple(parameter.name for parameter in parameters)
-    return (*names, name) if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters) else names
-
-
-def _try_corners(
-    source: Source, build: Callable[..., Any], static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]
-) -> None:
-    """A lobe's own checks see numbers here, and tracers later."""
-    for corner in corners(ranges.values(), 64):
-        numbers = dict(zip(ranges, corner, strict=True))
+        build.__name__ = source.name.rpartition(":")[2]
         try:
-            brdf = build(**numbers)
-        except (Exception, SystemExit) as error:
-            text = f"{type(error).__name__}: {one_line(error)}" if source.kind == "user" else one_line(error)
-            raise UsageError(f"{source.name}{_at({**static, **numbers})}: {text}") from None
-        if not callable(brdf):
-            raise UsageError(f"{source.name} returned {type(brdf).__name__}, which is not a function f(wi, wo)")
+            shapes = {name: jax.ShapeDtypeStruct((), np.float64) for name in ranges}
+            template = eqx.filter_eval_shape(build, **shapes)
+        except Exception:  # the factory needs numbers, not tracers
+            template = None
+    return Subject(build, peel(template)[0] if has_engine(template) else None)
 
 
-def _at(parameters: Mapping[str, Any]) -> str:
-    shown = ", ".join(
-        f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in parameters.items()
+def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> Family:
+    unknown = [name for name in words if name not in source.signature.names]
+    if unknown and not source.signature.open:
+        raise UsageError(no_parameter(source.name, unknown[0], source.signature.names))
+    try:
+        if isinstance(source.value, Family):
+            target = resolve([source.name], bounds, None)[0]
+        else:
+            value = functools.partial(source.value, **words) if words else source.value
+            target = family_of(value, source.name, bounds, None)
+    except NoRange as error:
+        raise UsageError(_needs(source, error.names)) from None
+    if target.finding is not None:
+        raise UsageError(target.finding)
+    return target.family
+
+
+def _needs(source: Source, names: Any) -> str:
+    return (
+        f"{source.name} needs an axis {', '.join(names)}, as in {names[0]} = {{ geomspace = [0.1, 1, 10] }} or {names[0]} = 1"
     )
-    return f" at {shown}" if shown else ""
 
 
-def of_type(brdf: AbstractBRDF, dtype: Any) -> Any:
+DEFAULT = "default"
+"""The rule that is the engine of the BRDF."""
+
+
+def rule_of(text: str, rtol: float | None, template: Any) -> AbstractRule:
+    """The rule behind "default", "name" or "name:setting". ValueError where there is none, or not with that setting.
+
+    `rtol`: what the default aims at; `template`: of the BRDF, whose lobe has an engine or is a function.
+    """
+    name, colon, setting = text.partition(":")
+    if text == DEFAULT:
+        return (Adaptive if template is None else engine_of(template)).at(rtol)
+    if name not in RULES:
+        raise ValueError(f"unknown rule {name!r}; allowed: {DEFAULT}, {', '.join(RULES)}")
+    kind: Any = RULES[name]
+    try:
+        return kind(type(kind.ladder[0])(setting)) if colon else kind()
+    except (TypeError, ValueError) as error:
+        example = f"{name}:{kind.ladder[-1]:g}"
+        raise ValueError(f"the setting of {text!r}: {one_line(error)}; as in {example!r}") from None
+
+
+@dataclass(frozen=True)
+class Method:
+    """How cells are computed: one by one by `rule`, or all of a chunk as a `table`.
+
+    `cells`: of a chunk where the configuration says nothing, at least and at most; a killed sweep loses some seconds of work.
+    `sample`: cells looked at to estimate a chunk's time, None for all. `batch`: cells computed together.
+    """
+
+    rule: AbstractRule
+    table: bool
+    cells: tuple[int, int]
+    sample: int | None
+    batch: int
+
+
+def method(rule: AbstractRule, template: Any, *, table: bool) -> Method:
+    """How a rule computes a BRDF of this structure; cells take nanoseconds, microseconds, milliseconds, or up to a second."""
+    if table:
+        return Method(rule, True, (20_000, 250_000), None, 1)
+    if rule.on_host:
+        return Method(rule, False, (1, 32), 3, 1)
+    if isinstance(rule, AbstractEngine) and rule.batch > 1:
+        return Method(rule, False, (1_000, 20_000), 512, rule.batch)
+    return Method(rule, False, (32, 512), 4, 1)  # rules bound their memory themselves, for one cell
+
+
+def of_type(brdf: Any, dtype: Any) -> Any:
     """The BRDF with its numbers in the type `dtype`, so that a rule runs in one precision throughout."""
-    return jax.tree.map(lambda leaf: leaf.astype(dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf, brdf)
+    return jax.tree.map(
+        lambda leaf: leaf.astype(dtype) if eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating) else leaf, brdf
+    )
+
+
+def turned(brdf: Callable[..., Any], azimuth: Any) -> Callable[..., Any]:
+    """A function f(wi, wo) on a surface that is turned, so that what comes from azimuth 0 comes from `azimuth`."""
+
+    def at(direction: Any) -> Any:
+        x, y, z = (direction[..., i] for i in range(3))
+        return jnp.stack([x * jnp.cos(azimuth) - y * jnp.sin(azimuth), x * jnp.sin(azimuth) + y * jnp.cos(azimuth), z], axis=-1)
+
+    return lambda wi, wo: brdf(at(wi), at(wo))
 
 
 def source_files(sources: Mapping[str, Source]) -> dict[str, dict[str, str]]:
@@ -240,20 +183,9 @@ def source_files(sources: Mapping[str, Source]) -> dict[str, dict[str, str]]:
     for source in sources.values():
         if source.file is None:
             continue
-        texts = {source.file.name: _text(source.file)}
-        for module in list(sys.modules.values()):
-            file = getattr(module, "__file__", None)
-            if file and file.endswith(".py") and Path(file).parent == source.file.parent and Path(file) != source.file:
-                texts[Path(file).name] = _text(Path(file))
+        loaded = [Path(file) for module in list(sys.modules.values()) if (file := getattr(module, "__file__", None))]
+        beside = [file for file in loaded if file.suffix == ".py" and file.parent == source.file.parent]
+        # Each byte as one character: the file may be in any encoding that Python reads, and arrives as it was.
+        texts = {file.name: file.read_bytes().decode("latin-1") for file in (*beside, source.file)}
         found[split_spec(source.name)[0]] = dict(sorted(texts.items()))
     return dict(sorted(found.items()))
-
-
-def _text(path: Path) -> str:
-    # Each byte as one character: the file may be in any encoding that Python reads, and arrives as it was.
-    return path.read_bytes().decode("latin-1")
-
-
-def digest(text: str) -> str:
-    """SHA-256 in hexadecimal."""
-    return hashlib.sha256(text.encode()).hexdigest()
