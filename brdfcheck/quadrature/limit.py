@@ -67,7 +67,9 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
                 # It is held somewhere, and the last value is as near to the limit as can be told; or it grows ever more slowly.
                 last = np.flatnonzero(np.isfinite(values))[-1]
                 spread = np.abs(values[last] - values[max(last - 1, 0)])
-                limits[i], bars[i] = _creeping(far[:, i], far_errors[:, i], values[last], bars_beyond[last] + spread)
+                limits[i], bars[i] = _creeping(
+                    far[:, i], far_errors[:, i], float(values[last]), float(bars_beyond[last] + spread)
+                )
     return limits.reshape(value.shape), bars.reshape(value.shape)
 
 
