@@ -191,10 +191,11 @@ def test_the_work_of_the_parts_is_that_of_the_whole(document):
 
 
 def test_the_choice_is_the_cheapest_of_all_combinations():
-    scene = scenes.parse_scene({"size": 12, "material": MATT, "lights": [PANEL, DISTANT], "room": {**ROOM, "cells": 2}})
+    panel = {**PANEL, "horizon_clipping": False}
+    scene = scenes.parse_scene({"size": 12, "material": MATT, "lights": [panel, DISTANT], "room": {**ROOM, "cells": 2}})
     measured = measure(scene)
-    # By works and pictures of its own, without the search and without what it shares between combinations.
-    compiler = Compiler(scene)
+    # By all pictures and works, without the search, and of works without what is shared between combinations.
+    compiler = measured.view.compiler
     full = compiler.program(knobs.plan_of(scene, {}))
     table = []
     for rungs in itertools.product(*(knob.rungs for knob in measured.knobs)):
@@ -205,7 +206,7 @@ def test_the_choice_is_the_cheapest_of_all_combinations():
         except NotImplementedError:
             continue
         table.append((Compiler(scene).work(plan), measured.view.fault(full, image).pixel, choice))
-    assert len(table) > 80
+    assert len(table) > 60
     for tolerance in (0.0, 1e-4, 0.5 / 255, 3 / 255, 0.05, 0.2, 1.0):
         found = measured.choose(tolerance)
         alone = [rung.fault.pixel for row in found.rows for rung in [row.chosen]]

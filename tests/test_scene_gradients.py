@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import Constant, Normalized
+from brdfcheck.brdf.factors import Constant, Normalized, peel
 from brdfcheck.brdf.microfacet import CookTorrance
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.furnace import directional_albedo
@@ -49,7 +49,8 @@ def numbers(name, dtype):
 
 
 def kind(name):
-    return str(jax.tree.structure(numbers(name, jnp.float32)[0]))
+    core = peel(numbers(name, jnp.float32)[0])[0]
+    return type(core), getattr(core, "form", "")
 
 
 NAMES = catalog.names()
