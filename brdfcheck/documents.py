@@ -69,7 +69,10 @@ def validated(model: type[_M], document: Mapping[str, Any], label: str) -> _M:
 
 def shown(value: Any) -> str:
     """A value of a document, for messages."""
-    text = one_line(repr(value))
+    try:
+        text = one_line(repr(value))
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "an integer of thousands of digits"
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 

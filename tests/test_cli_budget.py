@@ -81,12 +81,12 @@ def test_wrong_words(scene, capsys, words, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("bits = 8", "bits = 12", "output.bits must be 8 or 16; got 12"),
+        ("bits = 8", "bits = 12", "output.bits: must be one of 8 or 16; got 12"),
         ("size = 16", "size = 0", "size"),
         ("size = 16", "size = ", "is not TOML"),
         ('kind = "distant"\ndirection = [1, 1, 1]', 'kind = "ambient"', "Metal is lit by Distant, Point and Spot lights only"),
         ("[output]", '[geometry]\nkind = "sphere"\nradius = 9\n[output]', "inside the sphere"),
-        ("[output]", "[room]\nreflectance = 1.2\nemission = 1\n[output]", "room.reflectance must be below 1"),
+        ("[output]", "[room]\nreflectance = 1.2\nemission = 1\n[output]", "room.reflectance: must be below 1.0; got 1.2"),
     ],
 )
 def test_wrong_scenes(scene, capsys, old, new, message):

@@ -242,15 +242,18 @@ def material(**parts: Any) -> dict[str, Any]:
     ("parts", "message"),
     [
         ({"sise": 3}, "scene: unknown key 'sise'; did you mean size? allowed: size, background"),
-        ({"size": "big"}, "scene: size must be a number of pixels or [height, width]; got 'big'"),
-        ({"size": [0, 4]}, "scene: size: size must be (height, width)"),
+        ({"size": "big"}, "scene: size: must be a number of pixels or [height, width], each from 1 to 16384; got 'big'"),
+        ({"size": [0, 4]}, "scene: size: must be a number of pixels or [height, width]"),
         ({"background": -1}, "scene: background must be finite and >= 0; got -1"),
         ({"background": [1, 2]}, "scene: background must be a number or three"),
-        ({"allow_unvalidated": 1}, "allow_unvalidated must be true or false; got 1"),
-        ({"lights": {"kind": "point"}}, "scene: lights must be a list of tables"),
-        ({"lights": [3]}, "scene: lights[0] must be a table with a kind; got 3"),
-        ({"lights": [{"kind": "sun"}]}, "lights[0].kind must be one of ambient, environment, distant, point, spot, polygon"),
-        ({"lights": [{"kind": "point"}]}, "lights[0] (point): position is missing; its keys: position, intensity"),
+        ({"allow_unvalidated": 1}, "allow_unvalidated: must be true or false; got 1"),
+        ({"lights": {"kind": "point"}}, "scene: lights: must be a list; got"),
+        ({"lights": [3]}, "scene: lights[0]: must be a table; got 3"),
+        (
+            {"lights": [{"kind": "sun"}]},
+            "lights[0]: must be one of 'ambient', 'environment', 'distant', 'point', 'spot', 'polygon'; got",
+        ),
+        ({"lights": [{"kind": "point"}]}, "scene: lights[0].position: is missing"),
         ({"lights": [{"kind": "point", "positon": [0, 0, 1]}]}, "unknown key 'positon'; did you mean position?"),
         ({"lights": [{"kind": "distant", "direction": [0, 0, 0]}]}, "lights[0]: direction must not have length 0"),
         ({"lights": [{"kind": "point", "position": [0, 0, 1], "intensity": float("nan")}]}, "intensity must be finite"),
@@ -259,19 +262,25 @@ def material(**parts: Any) -> dict[str, Any]:
             {"camera": {"kind": "perspective", "field_of_view": 200}},
             "field_of_view must be finite and > 0 and <= 179.99; got 200",
         ),
-        ({"camera": []}, "camera must be a table, below [camera]"),
-        ({"geometry": {"kind": "cube"}}, "geometry.kind must be one of sphere, icosphere"),
+        ({"camera": []}, "scene: camera: must be a table; got []"),
+        ({"geometry": {"kind": "cube"}}, "geometry: must be one of 'sphere', 'icosphere', "),
         ({"geometry": {"kind": "icosphere", "level": 99}}, "geometry: level must be an integer from 0 to 8; got 99"),
-        ({"geometry": {"kind": "icosphere", "shading": "blinn"}}, "geometry.shading must be one of flat, gouraud, phong"),
-        ({"geometry": {"kind": "sphere", "level": 2}}, "geometry (sphere): unknown key 'level'; allowed: center, radius"),
-        ({"geometry": {"kind": "latitude-longitude"}}, "geometry (latitude-longitude): rows is missing"),
+        (
+            {"geometry": {"kind": "icosphere", "shading": "blinn"}},
+            "geometry.shading: must be one of 'flat', 'gouraud' or 'phong'; got 'blinn'",
+        ),
+        ({"geometry": {"kind": "sphere", "level": 2}}, "geometry: unknown key 'level'; allowed: kind, center, radius"),
+        ({"geometry": {"kind": "latitude-longitude"}}, "geometry.rows: is missing"),
         (material(brdf="fong"), "material.terms[0]: unknown BRDF 'fong'; did you mean"),
-        (material(brdf=3), "material.terms[0].brdf must be a catalogue name"),
+        (material(brdf=3), "material.terms[0].brdf: must be a text; got 3"),
         (material(n=3), "material.terms[0]: lambert has no parameter 'n'"),
         (material(fresnel="x"), "fresnel must be one of none, exact, schlick; got 'x'"),
         (material(tint=2.0), "the surface reflects up to 2 of the light in channel R"),
-        ({"material": {"kind": "surface"}}, "material.terms must be a list of tables"),
-        ({"material": {"kind": "metal", "base": 0.5, "lobes": 3}}, "material.lobes must be pairs"),
+        ({"material": {"kind": "surface"}}, "material.terms: is missing"),
+        (
+            {"material": {"kind": "metal", "base": 0.5, "lobes": 3}},
+            "material: lobes must be pairs of weight and slope, at least one; got 3",
+        ),
         ({"material": {"kind": "highlight", "base": 2}}, "material: base must be finite and >= 0 and <= 1; got 2"),
     ],
 )
@@ -306,5 +315,5 @@ def test_a_scene_needs_material_and_lights() -> None:
     for key in ("material", "lights"):
         document = changed()
         del document[key]
-        with pytest.raises(UsageError, match=f"{key} is missing"):
+        with pytest.raises(UsageError, match=f"{key}: is missing"):
             scene_files.parse_scene(document)

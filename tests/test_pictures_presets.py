@@ -9,7 +9,7 @@ import pytest
 
 from brdfcheck import albedo
 from brdfcheck.brdf import catalog
-from brdfcheck.scene import canvas, drawing, failures, images, meshes, paper_figures, presets, smooth_shading, white_furnace
+from brdfcheck.scene import canvas, failures, figures, images, meshes, presets, smooth_shading, white_furnace
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.lights import Ambient, Distant, Environment
 from brdfcheck.scene.materials import Surface, Term
@@ -30,7 +30,6 @@ def test_every_preset_renders_and_gives_the_same_bytes(name):
     assert np.all(np.isfinite(first))
     assert first.min() >= 0
     assert np.ptp(first) > 0.1
-    white_furnace._ratios.cache_clear()
     assert images.png_bytes(presets.render_preset(name, 17, "draft")) == images.png_bytes(first)
 
 
@@ -104,7 +103,7 @@ def test_the_highlights_centre_is_white_and_narrows_with_n():
 
 
 def test_figure_9_is_the_same_by_equation_and_by_rays_and_its_spheres_are_apart():
-    spheres, lights, camera = paper_figures.figure_9_spheres(), [Distant((1.0, 1.0, 1.0))], Orthographic()
+    spheres, lights, camera = figures.figure_9_spheres(), [Distant((1.0, 1.0, 1.0))], Orthographic()
     for i, one in enumerate(spheres):
         for other in spheres[:i]:
             apart = np.linalg.norm(np.asarray(one.center) - np.asarray(other.center))
@@ -119,8 +118,8 @@ def test_figure_9_is_the_same_by_equation_and_by_rays_and_its_spheres_are_apart(
 
 def test_a_surface_that_returns_all_light_vanishes_to_1e4():
     for n in (1.0, 17.85, 900.0):  # at normal incidence only
-        assert white_furnace.furnace_excess("phong", {"n": n}, 9)[4, 4] == pytest.approx(0, abs=1e-4)
-    assert np.abs(white_furnace.furnace_excess("lambert", {"reflectance": 1.0}, 9)).max() < 1e-4
+        assert white_furnace.furnace_excess("phong", {"n": n}, 9)[0][4, 4] == pytest.approx(0, abs=1e-4)
+    assert np.abs(white_furnace.furnace_excess("lambert", {"reflectance": 1.0}, 9)[0]).max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -129,7 +128,7 @@ def test_a_surface_that_returns_all_light_vanishes_to_1e4():
 )
 def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, parameters):
     side = 13
-    excess = white_furnace.furnace_excess(name, parameters, side)
+    excess, _ = white_furnace.furnace_excess(name, parameters, side)
     brdf = catalog.entry(name).family.build(**parameters)
     across = (np.arange(side) + 0.5) / side * 2.1 - 1.05
     for row, column in ((6, 6), (6, 9), (3, 4)):
@@ -143,10 +142,10 @@ def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, par
 def test_a_furnace_is_what_every_pixel_integrated_gives(name, parameters, side):
     surface = Surface(Term(catalog.entry(name).family.build(**parameters)))
     every = np.asarray(sphere_image(surface, [Environment(0.4)], size=(side, side), background=0.4))
-    tile = white_furnace.furnace_tile(name, parameters, side)
+    tile, _ = white_furnace._furnace_pair(canvas.Canvas(side, 1), name, parameters)
     np.testing.assert_allclose(tile, every, atol=1e-6)
     # More samples: the pixels inside are the same numbers, those at the edge are between the two sides of it.
-    fine = white_furnace.furnace_tile(name, parameters, side, 4)
+    fine, _ = white_furnace._furnace_pair(canvas.Canvas(side, 4), name, parameters)
     across = np.abs((np.arange(side) + 0.5) / side * 2.1 - 1.05)
     far = np.hypot(*np.meshgrid(across + 1.05 / side, across + 1.05 / side))
     near = np.hypot(*np.meshgrid(*[np.maximum(across - 1.05 / side, 0)] * 2))
@@ -154,9 +153,9 @@ def test_a_furnace_is_what_every_pixel_integrated_gives(name, parameters, side):
     np.testing.assert_allclose(fine[:, near > 1.001], 0.4, rtol=1e-6)
     edge = (far > 1.001) & (near < 0.999)
     assert np.abs(fine - tile)[:, edge].max() > 1e-3
-    # Each pixel of the edge is covered as much as a disc covers it: seen where nothing comes back.
-    black = white_furnace._disc(np.zeros((3, white_furnace._distances(side, 4)[0].size)), 1.0, side, 4)
-    assert (1 - black[0]).sum() == pytest.approx(np.pi * (side / 2.1) ** 2, rel=5e-3)
+    # Each pixel of the edge is covered as much as a disc covers it.
+    covered = white_furnace.furnace_excess(name, parameters, side, 4)[1]
+    assert covered.sum() == pytest.approx(np.pi * (side / 2.1) ** 2, rel=5e-3)
 
 
 def test_a_large_furnace_integrates_each_angle_once():
@@ -172,10 +171,11 @@ def test_a_large_furnace_integrates_each_angle_once():
 
 @pytest.mark.parametrize("samples", [1, 2, 4])
 def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
-    tile = white_furnace._false_tile("binomial-power-unclamped", {"n": 40}, 49, samples).reshape(3, -1, 1)
+    _, tile = white_furnace._furnace_pair(canvas.Canvas(49, samples), "binomial-power-unclamped", {"n": 40})
+    tile = tile.reshape(3, -1, 1)
     excess = np.concatenate([np.linspace(-1, 0, 400), np.geomspace(1e-4, 4, 4000)])
-    ground = np.array(drawing.GROUND)[:, None]
-    scale = np.concatenate([drawing.false_color(excess), ground], axis=1)[:, None]
+    ground = np.array(canvas.GROUND)[:, None]
+    scale = np.concatenate([canvas.false_color(excess), ground], axis=1)[:, None]
     assert np.abs(tile - scale).max(axis=0).min(axis=1).max() < 0.01
     away = np.abs(tile[..., 0] - ground).max(axis=0) > 1e-6
     assert away.sum() == pytest.approx(np.pi * (49 / 2.1) ** 2, rel=0.02)
@@ -203,12 +203,10 @@ def test_lobes_of_one_kind_are_one_program_of_the_furnace(monkeypatch):
     traces = []
     real = white_furnace.directional_albedo
     monkeypatch.setattr(white_furnace, "_integrated", eqx.filter_jit(lambda brdf, mu: traces.append(1) or real(brdf, mu)))
-    white_furnace._ratios.cache_clear()
     for name in ("blinn-phong", "blinn-phong-6", "blinn-phong-fitted"):
         for side, n in ((5, 20), (7, 2.5)):
-            white_furnace.furnace_tile(name, {"n": n}, side, 2)
+            white_furnace.furnace_excess(name, {"n": n}, side, 2)
             white_furnace.furnace_largest(name, {"n": n})
-    white_furnace._ratios.cache_clear()
     assert len(traces) == 1
 
 
@@ -258,31 +256,31 @@ def test_gouraud_shading_leaves_of_the_highlight_what_the_label_says(n, left):
 
 
 def test_false_colours_tell_loss_from_excess():
-    black, grey, white, purple, yellow = drawing.false_color([-1.0, -0.5, 0.0, 1e-4, 4.0]).T
+    black, grey, white, purple, yellow = canvas.false_color([-1.0, -0.5, 0.0, 1e-4, 4.0]).T
     assert np.all(black == 0)
     assert np.ptp(grey) == 0
     assert np.all(white == 1)
     assert purple[2] > purple[0] > purple[1]
     assert yellow[0] > 0.8 > 0.1 > yellow[2]
-    np.testing.assert_allclose(drawing.false_color([100.0]).T[0], yellow)
-    np.testing.assert_allclose(drawing.false_color([np.nan]).T[0], black)
+    np.testing.assert_allclose(canvas.false_color([100.0]).T[0], yellow)
+    np.testing.assert_allclose(canvas.false_color([np.nan]).T[0], black)
 
 
 def test_a_scale_shows_its_colours_and_a_curve_its_points():
-    scale = drawing.color_scale(400, "excess")
+    scale = canvas.color_scale(400, "excess")
     row = scale[:, 29]
-    np.testing.assert_allclose(row[:, 400 - 42], drawing.false_color(4.0), atol=1e-6)
-    square = drawing.curve(65, [0.0, 1.0], [0.0, 1.0], 0, 1)
+    np.testing.assert_allclose(row[:, 400 - 42], canvas.false_color(4.0), atol=1e-6)
+    square = canvas.curve(65, [0.0, 1.0], [0.0, 1.0], 0, 1)
     assert square.shape == (3, 65, 65)
     assert all(square[0, 64 - i, i] == 0 for i in range(20, 60))
     # A narrower span leaves room beside the curve, and a number is written over it.
-    inside = drawing.curve(65, [-0.5, 0.5], [0.5, 0.5], 0, 1, span=(-1.0, 1.0))
+    inside = canvas.curve(65, [-0.5, 0.5], [0.5, 0.5], 0, 1, span=(-1.0, 1.0))
     dark = np.nonzero((inside[0] == 0).any(axis=0))[0]
     assert (dark.min(), dark.max()) == (16, 48)
-    stacked = drawing.stacked(np.zeros((3, 2, 5)), np.zeros((3, 3, 3)))
+    stacked = canvas.stacked(np.zeros((3, 2, 5)), np.zeros((3, 3, 3)))
     assert stacked.shape == (3, 5, 5)
     np.testing.assert_array_equal(stacked[0, 2:], [[1, 0, 0, 0, 1]] * 3)
     title = "a title that is much wider than its picture"
-    short = drawing.color_scale(40, title)
+    short = canvas.color_scale(40, title)
     assert short.shape[2] > 200
     assert short[:, :20, 0].min() == short[:, :20, -1].min() == 1  # nothing of it is cut

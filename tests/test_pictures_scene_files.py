@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from brdfcheck.messages import UsageError
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.colour import rgb_of_spectrum
-from brdfcheck.scene.files import parse_scene
+from brdfcheck.scene.files import parse_scene, read_scene
 from brdfcheck.scene.lights import Distant
 from brdfcheck.scene.materials import Metal, Surface, Term
 from brdfcheck.scene.meshes import icosphere
@@ -28,6 +29,96 @@ def glossy(**parameters):
     return {"kind": "surface", "terms": [{"brdf": "phong", "tint": 0.3} | parameters]}
 
 
+# --- files that a scene names ---
+
+TETRAHEDRON = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+def from_file(folder, name, **changes):
+    geometry = {"kind": "mesh", "file": name}
+    return parse_scene({"size": 16, "material": MATT, "lights": LIGHTS, "geometry": geometry} | changes, folder=folder)
+
+
+@pytest.mark.parametrize("ending", ["obj", "ply", "stl", "glb"])
+def test_meshes_of_files_are_the_meshes_that_were_written(tmp_path, ending):
+    trimesh.creation.icosphere(2).export(tmp_path / f"ball.{ending}")
+    read = from_file(tmp_path, f"ball.{ending}")
+    assert read.mesh.vertices.shape == (162, 3)  # stl has a vertex for each corner
+    made = scene(geometry={"kind": "icosphere", "level": 2})
+    np.testing.assert_allclose(read.render(), made.render(), atol=2e-3)
+    flat = {"kind": "mesh", "file": f"ball.{ending}", "shading": "flat"}
+    np.testing.assert_allclose(
+        from_file(tmp_path, "", geometry=flat).render(),
+        scene(geometry={"kind": "icosphere", "level": 2, "shading": "flat"}).render(),
+        atol=2e-4,
+    )
+
+
+def test_meshes_of_one_file_are_joined_where_they_are(tmp_path):
+    there = trimesh.transformations.translation_matrix([0.5, 0, 0])
+    together = trimesh.Scene()
+    for matrix in (np.eye(4), there):
+        together.add_geometry(trimesh.creation.box((0.4, 0.4, 0.4)), transform=matrix)
+    together.export(tmp_path / "two.glb")
+    mesh = from_file(tmp_path, "two.glb").mesh
+    assert (len(mesh.vertices), len(mesh.faces)) == (16, 24)
+    assert float(mesh.vertices[:, 0].min()) == pytest.approx(-0.2)
+    assert float(mesh.vertices[:, 0].max()) == pytest.approx(0.7)
+
+
+def test_closed_meshes_that_look_inwards_are_turned_and_open_ones_have_two_sides(tmp_path):
+    TETRAHEDRON.export(tmp_path / "right.ply")
+    turned = TETRAHEDRON.copy()
+    turned.invert()
+    turned.export(tmp_path / "turned.ply")
+    camera = {"camera": {"kind": "orthographic", "eye": [2, 2, 2]}}
+    right, other = (from_file(tmp_path, name, **camera) for name in ("right.ply", "turned.ply"))
+    np.testing.assert_allclose(right.render(), other.render(), atol=1e-6)
+    assert "cull" not in right.options
+    trimesh.Trimesh(TETRAHEDRON.vertices, TETRAHEDRON.faces[:3]).export(tmp_path / "open.ply")
+    assert from_file(tmp_path, "open.ply").options == {"cull": False}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.ply", None, "there is no file '.*none.ply'"),
+        ("a.ply", b"not a mesh", "cannot read '.*a.ply' as a mesh: "),
+        ("a.txt", b"v 0 0 0", "cannot read '.*a.txt' as a mesh: "),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\n", "cannot read|has no triangles"),
+        ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n", "triangles must have an area; face 0"),
+    ],
+)
+def test_files_that_are_no_meshes_are_refused_in_one_line(tmp_path, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(UsageError, match=f"^scene: geometry: {words}|^scene: geometry: '.*': {words}") as caught:
+        from_file(tmp_path, name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_function_of_a_file_is_a_term(tmp_path):
+    (tmp_path / "mine.py").write_text("def matt(wi, wo, albedo):\n    return albedo / 3.141592653589793 + 0 * wi[..., 2]\n")
+    (tmp_path / "s.toml").write_text(
+        'size = 16\n[material]\nkind = "surface"\nterms = [{ brdf = "mine.py:matt", albedo = 0.5 }]\n'
+        '[[lights]]\nkind = "distant"\ndirection = [1, 1, 1]\n'
+    )
+    read = read_scene(tmp_path / "s.toml")
+    assert read.named_files
+    np.testing.assert_allclose(read.render(), scene().render(), atol=1e-6)
+    for terms, words in (
+        ([{"brdf": "mine.py:matt"}], r"terms\[0\]: .*mine.py:matt: the parameter albedo must be given as a number$"),
+        ([{"brdf": "mine.py:shiny"}], r"terms\[0\]: .*mine.py has no object 'shiny'; it offers matt"),
+        ([{"brdf": "other.py:matt"}], r"terms\[0\]: there is no file '.*other.py'"),
+        (
+            [{"brdf": "mine.py:matt", "albedo": 2}],
+            "mine.py:matt is not validated .VIOLATES: albedo 2 .* allow_unvalidated = true",
+        ),
+    ):
+        with pytest.raises(UsageError, match=words):
+            parse_scene({"material": {"kind": "surface", "terms": terms}, "lights": LIGHTS}, str(tmp_path / "s.toml"))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -37,8 +128,8 @@ def glossy(**parameters):
         ({"geometry": {"kind": "sphere", "radius": "big"}}, "radius must be one number; got 'big'"),
         ({"geometry": {"kind": "sphere", "radius": True}}, "radius must be one number; got True"),
         ({"geometry": {"kind": "sphere", "center": "here"}}, "center must be three components, x, y and z; got 'here'"),
-        ({"size": True}, r"size must be a number of pixels or \[height, width\]; got True"),
-        ({"size": [True, 5]}, "size must be .height, width., each from 1 to 16384 pixels"),
+        ({"size": True}, r"size: must be a number of pixels or \[height, width\], .*; got True"),
+        ({"size": [True, 5]}, "size: must be a number of pixels or .height, width., each from 1 to 16384; got .True, 5."),
         (
             {"material": {"kind": "metal", "base": 1, "lobes": []}},
             r"lobes must be pairs of weight and slope, at least one; got \[\]",
@@ -123,7 +214,7 @@ def test_bad_normals_of_a_mesh_are_refused():
     for normals, words in (
         (np.zeros((12, 3)), "normals must be unit vectors; that of vertex 0 has the length 0"),
         (np.full((12, 3), np.nan), r"normals must be finite; got \[nan, nan, nan\] in row 0"),
-        (np.ones((5, 3)), r"normals must be unit vectors, of shape \(12, 3\) as the vertices; got an array of shape \(5, 3\)"),
+        (np.ones((5, 3)), r"normals must be unit vectors, of shape \(12, 3\) as the vertices; got \[\[1.0, "),
         ("smooth", "normals must be unit vectors, of shape"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -142,6 +142,76 @@ def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.1))
 
 
+def glossy(wi, wo, n):
+    """The Phong BRDF as a user writes it."""
+    mirrored = -wi[..., 0] * wo[..., 0] - wi[..., 1] * wo[..., 1] + wi[..., 2] * wo[..., 2]
+    above = (wi[..., 2] >= 0) & (wo[..., 2] >= 0)
+    return (n + 2) / (2 * np.pi) * jnp.where(above, jnp.maximum(mirrored, 1e-30) ** n, 0)
+
+
+def by_numpy(wi, wo):
+    """The same at n = 20, which JAX cannot trace."""
+    wi, wo = np.asarray(wi), np.asarray(wo)
+    return 22 / (2 * np.pi) * np.maximum(np.sum(wi * [-1, -1, 1] * wo, axis=-1), 0) ** 20 * (wi[..., 2] >= 0)
+
+
+def brushed(wi, wo):
+    """More along x than along y, reciprocal."""
+    return (1 + (wi[..., :1] * wo[..., :1]) ** 2) * np.array([0.4, 0.2, 0.1]) / np.pi
+
+
+@jax.numpy_dtype_promotion("standard")  # as users have it: numbers of a function may be of another precision
+def test_functions_of_users_are_terms_like_lobes():
+    lobe = Term("phong", (0.5, 0.3, 0.1), n=20)
+    terms = [Term(glossy, (0.5, 0.3, 0.1), n=20), Term(by_numpy, (0.5, 0.3, 0.1))]
+    terms.append(Term(lambda wi, wo: lobe.brdf(wi, wo), (0.5, 0.3, 0.1)))
+    lights = (DISTANT, POINT, Ambient(0.3))
+    for term in terms:
+        for other, same in ((term, lobe), (Term(term.brdf, 0.4, fresnel="schlick"), Term(lobe.brdf, 0.4, fresnel="schlick"))):
+            np.testing.assert_allclose(shaded(Surface(other), lights), shaded(Surface(same), lights), atol=1e-12)
+        single = shaded(Surface(term), lights, np.float32)
+        assert single.dtype == np.float32
+        np.testing.assert_allclose(single, shaded(Surface(lobe), lights), atol=2e-5)
+    few = [jnp.asarray(part[:6].T) for part in (POINTS, NORMALS, VIEWS)]
+    surrounded = [np.asarray(shade(Surface(term), (Environment(0.7),), *few)) for term in (lobe, *terms)]
+    for found in surrounded[1:]:
+        np.testing.assert_allclose(found, surrounded[0], atol=1e-6)
+
+
+def test_functions_have_derivatives_where_jax_traces_them():
+    def brightness(n):
+        lobe = Surface(Term(lambda wi, wo: glossy(wi, wo, n)), allow_unvalidated=True)
+        return jnp.sum(shade(lobe, (DISTANT,), *(jnp.asarray(part.T) for part in (POINTS, NORMALS, VIEWS))))
+
+    slope = jax.jit(jax.grad(brightness))(20.0)
+    assert float(slope) == pytest.approx(float(brightness(20 + 1e-5) - brightness(20 - 1e-5)) / 2e-5, rel=1e-6)
+
+
+def test_channels_and_directions_of_functions_are_those_of_the_surface():
+    # At the normal +z the axes are those of space; elsewhere x is level.
+    up, sideways = jnp.array([0.0, 0, 1]), jnp.array([1.0, 0, 0])
+    for normal, x in ((up, sideways), (sideways, jnp.array([0.0, 0, -1])), (jnp.array([0.0, 1, 0]), sideways)):
+        light = 0.6 * x + 0.8 * normal
+        found = shade(Surface(Term(brushed)), (Distant(light),), 0 * normal, normal, light)
+        np.testing.assert_allclose(found, (1 + 0.6**4) * np.array([0.4, 0.2, 0.1]) / np.pi * 0.8, rtol=1e-12)
+        # What comes back of a surrounding is the integral, from whichever side it is seen.
+        y = jnp.cross(normal, x)
+        along, across = (
+            shade(Surface(Term(brushed)), (Environment(1.0),), 0 * normal, normal, 0.6 * side + 0.8 * normal) for side in (x, y)
+        )
+        np.testing.assert_allclose(across, [0.4, 0.2, 0.1], rtol=1e-6)
+        np.testing.assert_allclose(along, (1 + 0.36 / 4) * np.array([0.4, 0.2, 0.1]), rtol=1e-6)
+
+
+def test_functions_are_refused_like_lobes():
+    with pytest.raises(materials.NotConserving, match=r"<lambda> is not validated .VIOLATES: albedo 3.14159"):
+        Surface(Term(lambda wi, wo: 1.0))
+    for term in (Term(glossy, 0.7, n=20), Term(by_numpy, 0.7)):
+        with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
+            Surface(term, Term("lambert", 0.5))
+    Surface(Term(glossy, 0.5, n=20), Term("lambert", 0.5))
+
+
 def test_materials_are_built_inside_traced_programs():
     def brightness(n, kd):
         material = Surface(Term("lambert", kd), Term("blinn-phong", 0.2, n=n))
@@ -233,7 +303,14 @@ def test_metal_shows_its_own_colour_where_14_says_so():
             "the Fresnel reflectance must be finite and >= 0 and <= 1",
         ),
         (lambda: Term("lambert", fresnel="cubic"), ValueError, "fresnel must be one of none, exact, schlick"),
-        (lambda: Term(lambda wi, wo: 1), TypeError, "a catalogue name or a lobe"),
+        (lambda: Term(3), TypeError, "must be callable, f.wi, wo., or a catalogue name; got int"),
+        (lambda: Term(glossy), ValueError, "glossy: the parameter n must be given as a number"),
+        (lambda: Term(glossy, n=2, m=3), ValueError, "glossy has no parameter 'm'; its parameters: n"),
+        (lambda: Term(glossy, n=np.inf), ValueError, "n must be finite; got inf"),
+        (lambda: Term("none.py:glossy"), ValueError, "there is no file 'none.py'"),
+        (lambda: Term(lambda wi, wo: wi[..., :2]), ValueError, "<lambda> has 2 channels; a scene takes 1, or 3: R, G and B"),
+        (lambda: Term(lambda wi, wo: 1 / 0), ValueError, "raised ZeroDivisionError: division by zero"),
+        (lambda: Term(BlinnPhong(3.0), n=3), TypeError, "a lobe has its parameters; got n beside BlinnPhong"),
         (lambda: Surface(), TypeError, "at least one Term"),
         (lambda: Highlight(1.5), ValueError, "base must be finite and >= 0 and <= 1"),
         (lambda: Highlight(0.5, w=2), ValueError, "w must be finite"),

@@ -13,11 +13,11 @@ import pytest
 from numpy_raster import camera_rays
 
 from brdfcheck.geometry import reflected, refracted
-from brdfcheck.scene import fresnel, tracing
+from brdfcheck.scene import tracing
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Surface, Term, Translucent
-from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
+from brdfcheck.scene.tracing import Plane, Sphere, boundary_reflectance, composed, trace
 
 trace64 = functools.partial(trace, dtype=jnp.float64, least_weight=0.0)
 
@@ -120,7 +120,7 @@ def test_glass_before_white_vanishes_but_for_the_depth_limit(index):
     for depth in (1, 2, 5):
         ball = Sphere((0, 0, 0), 1.0, transparency=1.0, index=index)
         image = trace64((ball,), (), camera, size=size, depth=depth, background=1.0)
-        share = np.asarray(fresnel.exact(cosine, jnp.asarray(index)))
+        share = np.asarray(boundary_reflectance(cosine, jnp.asarray(index)))
         missing = np.where(square < 1, (1 - share) * share ** (depth - 1), 0)
         np.testing.assert_allclose(np.asarray(image), np.broadcast_to(1 - missing, (3, 40, 40)), atol=2e-12)
 

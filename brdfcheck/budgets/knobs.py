@@ -26,8 +26,8 @@ from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Ph
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Metal, NotConserving, Surface, Term, Translucent
-from brdfcheck.scene.shading import AbstractMaterial, Place, meetings
-from brdfcheck.scene.vectors import Vector, power, spread
+from brdfcheck.scene.shading import AbstractMaterial, Place
+from brdfcheck.scene.vectors import Vector
 
 
 @dataclass(frozen=True)
@@ -272,18 +272,11 @@ class Painted(AbstractMaterial):
 
     def color(self, lights: Any, place: Place) -> Float[Array, "3 ..."]:
         """As the model's own, with the lobe's profile for the power. ValueError for lights without a direction."""
-        model, found = self.model, meetings(lights, place, type(self.model).__name__)
-        dimensions = len(place.shape)
-        lit = sum(spread(one.intensity, dimensions) * (one.falloff * one.cos_light) for one in found)
-        base = (model.d + (1 - model.d) * lit) * spread(model.base, dimensions)
-        if isinstance(model, Translucent):
-            opacity = model.t_h * power(1 - jnp.clip(place.cos_view, 0, 1), model.t_p)
-            base = (1 - opacity) * spread(model.behind, dimensions) + opacity * base
-        dark = 1 - base
-        for one in found:
-            profile = jnp.where(one.mirror_view > 0, self.lobe.profile(jnp.clip(1 - one.mirror_view, 0, 1)), 0)
-            dark = dark * (1 - spread(one.intensity, dimensions) * (model.w * one.falloff * profile))
-        return 1 - dark
+
+        def profile(cosine: Array) -> Array:
+            return jnp.where(cosine > 0, self.lobe.profile(jnp.clip(1 - cosine, 0, 1)), 0)
+
+        return self.model.painted(lights, place, profile)
 
 
 # --- lights ---

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from brdfcheck.budgets import scenes
 from brdfcheck.budgets.choice import REFUSED, Combination, Fault, Search
@@ -24,7 +24,6 @@ from brdfcheck.budgets.scenes import Scene
 from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
 from brdfcheck.runtime import double_precision
-from brdfcheck.scene.colour import encode_srgb
 from brdfcheck.scene.materials import NotConserving
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.
@@ -231,13 +230,10 @@ class _View:
             picture, reference = picture[:, both], reference[:, both]
         if not picture.size:
             return REFUSED
-        pixel = float(np.max(np.abs(self._shown(picture) - self._shown(reference))))
+        pixel = float(np.max(np.abs(self.scene.shown(picture) - self.scene.shown(reference))))
         whole = float(np.sum(reference))
         lost = abs(float(np.sum(picture)) - whole)
         return Fault(pixel, lost / whole if whole > 0 else (0.0 if lost == 0 else np.inf))
-
-    def _shown(self, linear: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        return encode_srgb(linear) if self.scene.transfer == "srgb" else np.clip(linear, 0, 1)
 
 
 def measure(scene: Any) -> Measured:
@@ -251,11 +247,12 @@ def measure(scene: Any) -> Measured:
         key: Any = scene
         if isinstance(scene, str | Path):
             document, label = read_document(scene)
-            scene, key = scenes.parse_scene(document, label), (label, repr(document))
+            scene, key = scenes.parse_scene(document, label, folder=Path(scene).parent), (label, repr(document))
         elif isinstance(scene, Mapping):
             scene, key = scenes.parse_scene(scene), ("", repr(scene))
         if not isinstance(scene, Scene):
             raise TypeError(f"a scene is a path, a document or a Scene of brdfcheck.budgets; got {type(scene).__name__}")
+        key = scene if scene.picture.named_files else key
         for other, measured in _kept:
             if other is key or (isinstance(key, tuple) and other == key):
                 return measured
@@ -286,54 +283,39 @@ def _measure(scene: Scene) -> Measured:
     if not np.all(np.isfinite(reference)):
         raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")
     view = _View(scene, knobs, compiler, base, reference, base.covered())
-    found: dict[tuple[str, int], Fault] = {}
-    refused: dict[tuple[str, int], str] = {}
-    for knob in knobs:
-        for i, name in enumerate(knob.rungs):
-            try:
-                program = compiler.program(plan_of(scene, {**dearest, knob.name: name}))
-            except ValueError as error:
-                refused[knob.name, i] = one_line(error.reason if isinstance(error, NotConserving) else error)
-                continue
-            except NotImplementedError:  # as a linear solver in float16
-                refused[knob.name, i] = "does not run here"
-                continue
-            fault = view.fault(program)
-            found[knob.name, i] = fault
-            if fault == REFUSED:
-                refused[knob.name, i] = "the picture is not finite"
-    last = tuple(len(knob.rungs) - 1 for knob in knobs)
+
+    def tried(choice: dict[str, str]) -> tuple[Fault, str]:
+        """The error of a rung alone, and why it is refused."""
+        try:
+            program = compiler.program(plan_of(scene, {**dearest, **choice}))
+        except ValueError as error:
+            return REFUSED, one_line(error.reason if isinstance(error, NotConserving) else error)
+        except NotImplementedError:  # as a linear solver in float16
+            return REFUSED, "does not run here"
+        fault = view.fault(program)
+        return fault, "the picture is not finite" if fault == REFUSED else ""
+
+    found = [[tried({knob.name: name}) for name in knob.rungs] for knob in knobs]
+    own = [[fault for fault, _ in ladder] for ladder in found]
+    last = tuple(len(ladder) - 1 for ladder in own)
     whole = view.work(last)
 
+    def alone(place: int, i: int) -> Combination:
+        return (*last[:place], i, *last[place + 1 :])
+
     def cost(combination: Combination) -> float:
-        if any((knob.name, i) in refused for knob, i in zip(knobs, combination, strict=True)):
-            return float("inf")
-        return view.work(combination) / whole
+        refused = any(own[place][i] == REFUSED for place, i in enumerate(combination))
+        return np.inf if refused else view.work(combination) / whole
 
     ladders = {
         knob.name: tuple(
-            Rung(
-                name,
-                REFUSED if (knob.name, i) in refused else found[knob.name, i],
-                1.0 if (knob.name, i) in refused else cost((*last[:place], i, *last[place + 1 :])),
-                refused.get((knob.name, i), ""),
-            )
-            for i, name in enumerate(knob.rungs)
+            Rung(name, fault, 1.0 if why else cost(alone(place, i)), why)
+            for i, (name, (fault, why)) in enumerate(zip(knob.rungs, found[place], strict=True))
         )
         for place, knob in enumerate(knobs)
     }
-    known = {
-        (*last[:place], i, *last[place + 1 :]): rung.fault
-        for place, knob in enumerate(knobs)
-        for i, rung in enumerate(ladders[knob.name])
-    }
-    search = Search(
-        own=[[rung.fault for rung in ladders[knob.name]] for knob in knobs],
-        cost=cost,
-        picture=view.picture,
-        allowed=view.allowed,
-        errors=known,
-    )
+    known = {alone(place, i): fault for place, ladder in enumerate(own) for i, fault in enumerate(ladder)}
+    search = Search(own, cost, view.picture, view.allowed, known)
     return Measured(scene, knobs, ladders, search, view)
 
 

@@ -11,8 +11,7 @@ from jaxtyping import Float
 from brdfcheck import plots
 from brdfcheck.budgets.measure import Budget, Rung
 from brdfcheck.output import records
-from brdfcheck.scene.colour import encode_srgb
-from brdfcheck.scene.drawing import color_scale, false_color, stacked
+from brdfcheck.scene.canvas import color_scale, false_color, stacked
 from brdfcheck.scene.images import contact_sheet
 
 _LEAST, _MOST = 1e-8, 1.0
@@ -155,20 +154,8 @@ def difference(budget: Budget) -> Float[np.ndarray, "3 height width"]:
 
 
 def _apart(budget: Budget) -> Float[np.ndarray, "height width"]:
-    images = [np.asarray(image, float) for image in (budget.reference, budget.image)]
-    shown = [encode_srgb(image) if budget.scene.transfer == "srgb" else np.clip(image, 0, 1) for image in images]
+    shown = [budget.scene.shown(np.asarray(image, float)) for image in (budget.reference, budget.image)]
     return np.max(np.abs(shown[0] - shown[1]), axis=0)
-
-
-def thumbnail(image: Any, most: int = 128) -> Float[np.ndarray, "3 height width"]:
-    """Every k-th pixel of an image, so that no side has more than `most`."""
-    step = -(-max(np.shape(image)[1:]) // most)
-    return np.asarray(image)[:, ::step, ::step]
-
-
-def brief(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts of a record that `cells`, `sentences` and `draw` need."""
-    return {key: record[key] for key in ("settings", "summary", "results")}
 
 
 def pictures(budget: Budget) -> Float[np.ndarray, "3 height width"]:

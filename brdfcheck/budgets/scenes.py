@@ -25,26 +25,87 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from brdfcheck.documents import read_document
-from brdfcheck.messages import UsageError, one_line
+import numpy as np
+import pydantic
+from jaxtyping import Float
+
+from brdfcheck.documents import Model, read_document, shown, validated
+from brdfcheck.messages import UsageError
 from brdfcheck.scene import files as scene_files
+from brdfcheck.scene.colour import encode_srgb
 from brdfcheck.scene.materials import Surface
 
-TRANSFERS = ("srgb", "linear")
 OWN = ("output", "matters", "room")
 """The tables of a scene that ``brdfcheck.scene.files`` does not read."""
 _MOST_PIXELS = 2**24
 
 
-@dataclass(frozen=True)
-class Room:
+def tolerance_of(value: Any, name: str = "tolerance") -> float:
+    """A number in [0, 1] or a fraction of full scale as a text, "0.5/255". ValueError, with `name`, for anything else."""
+    parts = value.split("/") if isinstance(value, str) else [value]
+    try:
+        if any(isinstance(part, bool) for part in parts):
+            raise ValueError
+        numbers = [float(part) for part in parts]
+        result = numbers[0] / numbers[1] if len(numbers) == 2 else numbers[0]
+        good = len(numbers) < 3 and 0 <= result <= 1
+    except (ValueError, TypeError, ZeroDivisionError):
+        good, result = False, 0.0
+    if not good:
+        raise ValueError(f'{name} must be a number from 0 to 1 or a fraction, as in "0.5/255"; got {shown(value)}')
+    return result
+
+
+def _part(value: Any) -> float:
+    try:
+        return tolerance_of(value)
+    except ValueError:
+        raise ValueError('must be a number from 0 to 1 or a fraction, as in "0.5/255"') from None
+
+
+_Tolerance = Annotated[Any, pydantic.AfterValidator(_part)]
+
+
+class Output(Model):
+    """On what a picture is shown: `bits` of a component, after which transfer curve."""
+
+    bits: Literal[8, 16] = 8
+    transfer: Literal["srgb", "linear"] = "srgb"
+
+
+class Matters(Model):
+    """What matters: `pixel` and `energy` are tolerances; None: half a step of the output, and any."""
+
+    pixel: _Tolerance = None
+    energy: _Tolerance = math.inf
+    silhouette: bool = True
+
+
+class Room(Model):
     """A closed cube: `reflectance` of all walls in [0, 1), radiosity `emission` of the ceiling (+y), `cells` along an edge."""
 
-    reflectance: float
-    emission: float
-    cells: int = 4
+    # At 1 the light would grow from bounce to bounce without end.
+    reflectance: float = pydantic.Field(ge=0, lt=1)
+    emission: float = pydantic.Field(ge=0)
+    cells: int = pydantic.Field(4, ge=1, le=12)
+
+
+def _few(size: scene_files.Size) -> scene_files.Size:
+    if size[0] * size[1] > _MOST_PIXELS:
+        raise ValueError(f"must be at most {_MOST_PIXELS} pixels in all")
+    return size
+
+
+_TABLE: Any = pydantic.create_model(
+    "Budget",
+    __base__=scene_files.SceneTable,
+    __validators__={"few": pydantic.field_validator("size")(_few)},
+    output=(Output, Output()),
+    matters=(Matters, Matters()),
+    room=(Room, None),
+)
 
 
 @dataclass(frozen=True)
@@ -65,87 +126,32 @@ class Scene:
     room: Room | None = None
     facets: bool = False
 
-
-def tolerance_of(value: Any, name: str = "tolerance") -> float:
-    """A number in [0, 1] or a fraction of full scale as a text, "0.5/255". ValueError for anything else."""
-    parts = value.split("/") if isinstance(value, str) else [value]
-    try:
-        if any(isinstance(part, bool) for part in parts):
-            raise ValueError
-        numbers = [float(part) for part in parts]
-        result = numbers[0] / numbers[1] if len(numbers) == 2 else numbers[0]
-        good = len(numbers) < 3 and 0 <= result <= 1
-    except (ValueError, TypeError, ZeroDivisionError):
-        good, result = False, 0.0
-    if not good:
-        raise ValueError(
-            f'{name} must be a number from 0 to 1 or a fraction, as in "0.5/255"; got {one_line(repr(value))[:60]}'
-        )
-    return result
+    def shown(self, linear: Any) -> Float[np.ndarray, "..."]:
+        """Linear light after the transfer curve, in [0, 1]."""
+        return encode_srgb(linear) if self.transfer == "srgb" else np.clip(linear, 0, 1)
 
 
 def read_scene(path: str | Path) -> Scene:
     """The scene in a TOML file. UsageError where there is none, or where something in it is wrong."""
-    return parse_scene(*read_document(path))
+    document, label = read_document(path)
+    return parse_scene(document, label, folder=Path(path).parent)
 
 
-def parse_scene(document: Mapping[str, Any], label: str = "scene") -> Scene:
-    """The scene in a document with the keys of the TOML file. UsageError where something in it is wrong."""
-    picture = scene_files.parse_scene(document, label, validated=True, others=OWN)
-    if picture.size[0] * picture.size[1] > _MOST_PIXELS:
-        raise UsageError(f"{label}: size must be at most {_MOST_PIXELS} pixels in all; got {picture.size}")
-    output = _table(document, "output", label, ("bits", "transfer"))
-    bits, transfer = output.get("bits", 8), output.get("transfer", "srgb")
-    if isinstance(bits, bool) or bits not in (8, 16):
-        raise UsageError(f"{label}: output.bits must be 8 or 16; got {_shown(bits)}")
-    if transfer not in TRANSFERS:
-        raise UsageError(f"{label}: output.transfer must be one of {', '.join(TRANSFERS)}; got {_shown(transfer)}")
-    matters = _table(document, "matters", label, ("pixel", "energy", "silhouette"))
-    silhouette = matters.get("silhouette", True)
-    if not isinstance(silhouette, bool):
-        raise UsageError(f"{label}: matters.silhouette must be true or false; got {_shown(silhouette)}")
-    try:
-        pixel = tolerance_of(matters.get("pixel", 0.5 / (2**bits - 1)), "matters.pixel")
-        energy = tolerance_of(matters["energy"], "matters.energy") if "energy" in matters else math.inf
-    except ValueError as error:
-        raise UsageError(f"{label}: {error}") from None
-    geometry = document.get("geometry", {})
-    facets = isinstance(geometry, Mapping) and geometry.get("kind") == "icosphere"
-    room = _room(document, picture, label)
-    return Scene(picture, label, bits, transfer, pixel, energy, silhouette, room, facets)
+def parse_scene(document: Mapping[str, Any], label: str = "scene", *, folder: Path | None = None) -> Scene:
+    """The scene in a document with the keys of the TOML file.
 
+    `label`: the document's name in messages, for a file its path. `folder`: where files that the scene names are looked for, by
+    default that of `label`.
 
-def _room(document: Mapping[str, Any], picture: scene_files.Scene, label: str) -> Room | None:
-    if "room" not in document:
-        return None
-    table = _table(document, "room", label, ("reflectance", "emission", "cells"))
-    for key in ("reflectance", "emission"):
-        value = table.get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-            raise UsageError(f"{label}: room.{key} must be a finite number >= 0; got {_shown(value)}")
-    if not table["reflectance"] < 1:
-        raise UsageError(
-            f"{label}: room.reflectance must be below 1; got {table['reflectance']}: in a closed room the light would grow"
-            " from bounce to bounce without end"
-        )
-    cells = table.get("cells", 4)
-    if isinstance(cells, bool) or not isinstance(cells, int) or not 1 <= cells <= 12:
-        raise UsageError(f"{label}: room.cells must be an integer from 1 to 12; got {_shown(cells)}")
-    if not isinstance(picture.material, Surface) or not any(term.matt for term in picture.material.terms):
+    Raises UsageError where something in the document is wrong.
+    """
+    if document.get("allow_unvalidated", False) is not False:
+        raise UsageError(f"{label}: allow_unvalidated has no place here: what does not conserve energy is never chosen")
+    table: Any = validated(_TABLE, {key: value for key, value in document.items() if key != "allow_unvalidated"}, label)
+    picture = scene_files.scene_of(table, label, folder, way_out=False)
+    material, output, matters = picture.material, table.output, table.matters
+    if table.room is not None and not (isinstance(material, Surface) and any(term.matt for term in material.terms)):
         raise UsageError(f"{label}: a room lights matt terms of a surface; the material has none")
-    return Room(float(table["reflectance"]), float(table["emission"]), cells)
-
-
-def _table(document: Mapping[str, Any], key: str, label: str, allowed: tuple[str, ...]) -> Mapping[str, Any]:
-    table = document.get(key, {})
-    if not isinstance(table, Mapping):
-        raise UsageError(f"{label}: {key} must be a table, below [{key}]; got {_shown(table)}")
-    for name in table:
-        if name not in allowed:
-            raise UsageError(f"{label}: {key}: unknown key {_shown(name)}; allowed: {', '.join(allowed)}")
-    return table
-
-
-def _shown(value: Any) -> str:
-    text = one_line(repr(value))
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    pixel = 0.5 / (2**output.bits - 1) if matters.pixel is None else matters.pixel
+    facets = table.geometry is not None and table.geometry.kind == "icosphere"
+    return Scene(picture, label, output.bits, output.transfer, pixel, matters.energy, matters.silhouette, table.room, facets)

@@ -30,7 +30,8 @@ scene.toml:
   size = [512, 512]                 # height, width; one number is a square
   background = 0.1                  # a number or RGB, linear
   [geometry]                        # sphere (center, radius) or a mesh: icosphere (level),
-  kind = "icosphere"                # latitude-longitude (rows, columns), zigzag, corrugated
+  kind = "icosphere"                # latitude-longitude (rows, columns), zigzag, corrugated,
+                                    # or mesh, of a file beside the scene's (file = "bunny.ply")
   level = 3
   shading = "phong"                 # of a mesh: flat, gouraud, phong; weighting, interpolation
   [camera]

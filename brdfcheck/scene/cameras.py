@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.scene.vectors import polar, scalar, shown, unit, vector_of
+from brdfcheck.scene.vectors import polar, scalar, unit, vector_of
 
 Size = tuple[int, int]
 
@@ -53,7 +53,8 @@ def _placed(eye: Any, target: Any, up: Any) -> tuple[Array, Array, Array]:
     if not any(isinstance(part, Tracer) for part in (eye, target, up)):
         back, upright = np.asarray(eye, float) - np.asarray(target, float), np.asarray(up, float)
         if not np.linalg.norm(np.cross(upright, back)) > 1e-6 * np.linalg.norm(upright) * np.linalg.norm(back):
-            raise ValueError(f"eye, target and up must not lie on one line; got {', '.join(map(shown, (eye, target, up)))}")
+            given = ", ".join(str(np.asarray(part).tolist()) for part in (eye, target, up))
+            raise ValueError(f"eye, target and up must not lie on one line; got {given}")
     return eye, target, up
 
 

@@ -14,9 +14,8 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import as_parameter
 from brdfcheck.scene.cameras import Orthographic
-from brdfcheck.scene.interpolation import interpolated, scan_line_weights
-from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
-from brdfcheck.scene.raster import rasterise
+from brdfcheck.scene.meshes import Mesh, Weighting, border, face_normals, vertex_normals
+from brdfcheck.scene.raster import interpolated, rasterise, scan_line_weights
 from brdfcheck.scene.smooth import SHADINGS
 
 # 2 sin(25 deg) sin(atan .9) = .5654: the contrast of the default zigzag by facets.
@@ -31,14 +30,6 @@ def _unit(vector: object, name: str, dtype: Any) -> Array:
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"{name} must be three finite numbers, not all 0; got {vector}")
     return array / length
-
-
-@eqx.filter_jit
-def vertex_normal_error(mesh: Mesh, weighting: Weighting = "unit") -> Float[Array, ""]:
-    """Largest angle (radians) between the vertex normals of a mesh on the unit sphere and the sphere's own normals."""
-    normals = vertex_normals(mesh, weighting)
-    # By the sine: the cosine of a small angle has no digits of it.
-    return jnp.max(jnp.arcsin(jnp.minimum(jnp.linalg.norm(jnp.cross(normals, mesh.vertices), axis=1), 1)))
 
 
 @eqx.filter_jit
@@ -138,10 +129,7 @@ def interpolated_contrast(mesh: Mesh, light: object = _TILTED, weighting: Weight
 
     Vertices on the border average the faces of one side only and are left out. ValueError where there are no others.
     """
-    faces = np.asarray(mesh.faces)
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    pairs, count = np.unique(edges, axis=0, return_counts=True)
-    inner = np.setdiff1d(np.arange(len(mesh.vertices)), pairs[count == 1])
+    inner = np.setdiff1d(np.arange(len(mesh.vertices)), border(mesh))
     if not inner.size:
         raise ValueError("every vertex of the mesh lies on its border: there is nothing to compare; use more rows")
     lit = jnp.maximum(vertex_normals(mesh, weighting)[inner] @ _unit(light, "light", mesh.vertices.dtype), 0)

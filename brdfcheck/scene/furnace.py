@@ -7,6 +7,7 @@ surface vanishes into its surroundings, where it is more the surface glows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -16,34 +17,41 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe
 from brdfcheck.brdf.factors import peel
 from brdfcheck.geometry import safe_root
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
-from brdfcheck.scene.fresnel import FRESNELS
+from brdfcheck.quadrature.warped import TanhSinh
+from brdfcheck.scene.shading import FRESNELS
 from brdfcheck.scene.vectors import TINY
 
 # Nodes for 1e-5 with the catalogue's lobes: polar ones in each smooth piece, and in azimuth in each piece of half a circle.
 _POLAR, _AZIMUTH = Order(20, 40), 8
 _FACET_POLAR, _FACET_AZIMUTH = Order(24, 40), 14
 _SHARP_POLAR, _SHARP_AZIMUTH = Order(18, 24), 5  # V-cavities: six panels, three pieces
+_LEVEL = 3  # of BRDFs that do not say where they live
 # Evaluations at once: what stays in a processor's cache.
 _BLOCK = 2**17
 
 
 def directional_albedo(
-    brdf: AbstractBRDF, cosine: Float[Array, "..."], fresnel: str = "none", tint: Any = 1.0
+    brdf: AbstractBRDF,
+    cosine: Float[Array, "..."],
+    fresnel: str = "none",
+    tint: Any = 1.0,
+    turn: Float[Array, "2 ..."] | None = None,
 ) -> Float[Array, "..."]:
     """The integral of f(wi, wo) (N.wi) over wi at each cosine N.wo, > 0: a field of that shape, or (3, ...) with channels.
 
-    With `fresnel`, one of `brdfcheck.scene.fresnel.FRESNELS`, the BRDF is multiplied by it, `tint` at normal incidence.
-    Accurate to 1e-5 for the catalogue in float64, to 1e-4 in float32. TypeError for a BRDF of no known kind.
+    With `fresnel`, one of `FRESNELS`, the BRDF is multiplied by it, `tint` at normal incidence. Accurate to 1e-5 for the
+    catalogue in float64, to 1e-4 in float32. Of a BRDF that does not say where it lives the nodes crowd about the mirror
+    direction, and `turn` is the cosine and sine of the azimuth of wo, by default 0.
     """
     brdf = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
     core = peel(brdf)[0]
-    if not isinstance(core, (AbstractZonalLobe, AbstractMicrofacetLobe)):
-        raise TypeError(f"a furnace integrates lobes of this package; got {type(core).__name__}")
+    if not hasattr(core, "breaks"):
+        return _of_any(brdf, cosine, fresnel, tint, turn)
     facets = isinstance(core, AbstractMicrofacetLobe)
     form = "half" if isinstance(core, AbstractMicrofacetLobe) else core.form
     polar, around = (_FACET_POLAR, _FACET_AZIMUTH) if facets else (_POLAR, _AZIMUTH)
@@ -87,16 +95,46 @@ def directional_albedo(
         useful = up_light > 0
         light = jnp.where(useful[..., None], light, jnp.array([0, 0, 1], mu.dtype))
         value = brdf(light, jnp.broadcast_to(view, light.shape))
-        if fresnel != "none":
-            share_reflected = FRESNELS[fresnel](geometry.half_cosine(light, view)[..., None], tint)
-            value = (value if value.ndim > weight.ndim else value[..., None]) * share_reflected
+        value = _times_fresnel(value, light, view, fresnel, tint)
         weight = jnp.where(useful, weight * up_light, 0)
         return jnp.sum(value * (weight[..., None] if value.ndim > weight.ndim else weight), axis=(0, 1))
 
-    flat = cosine.reshape(-1)
-    nodes = 3 * around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([flat[0]] if facets else [])).size
-    batch = max(min(_BLOCK // nodes, flat.size), 1)
+    nodes = 3 * around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([cosine.reshape(-1)[0]] if facets else [])).size
+    return _at_each(pixel, (cosine,), nodes)
+
+
+def _times_fresnel(value: Array, light: Array, view: Array, fresnel: str, tint: Any) -> Array:
+    if fresnel == "none":
+        return value
+    cosine = geometry.half_cosine(light, view)
+    return (value if value.ndim > cosine.ndim else value[..., None]) * FRESNELS[fresnel](cosine[..., None], tint)
+
+
+def _of_any(brdf: AbstractBRDF, cosine: Array, fresnel: str, tint: Any, turn: Array | None) -> Array:
+    rule = TanhSinh(_LEVEL)
+    turns = jnp.stack([jnp.ones_like(cosine), jnp.zeros_like(cosine)]) if turn is None else turn
+
+    def pixel(mu: Array, c: Array, s: Array) -> Array:
+        mu, sine = grazing_safe(mu)
+
+        def gathered(view: Array, light: Array) -> Array:
+            """The rule sums over its second direction; the view is at the azimuth 0 of the rule."""
+            light, view = (
+                jnp.stack([c * one[..., 0] - s * one[..., 1], s * one[..., 0] + c * one[..., 1], one[..., 2]], axis=-1)
+                for one in (light, view)
+            )
+            return _times_fresnel(brdf(light, view), light, view, fresnel, tint)
+
+        return rule.seen(gathered, jnp.stack([sine, 0 * mu, mu]), None).value
+
+    return _at_each(pixel, (cosine, *turns), 2 ** (2 * _LEVEL + 7))
+
+
+def _at_each(pixel: Callable[..., Array], fields: tuple[Array, ...], nodes: int) -> Array:
+    """The pixel's value, or its channels first, at all pixels: as many at once as `nodes` each allow."""
+    flat = [field.reshape(-1) for field in fields]
+    batch = max(min(_BLOCK // nodes, flat[0].size), 1)
     # Whole batches: the program of a remainder would be compiled besides.
-    padded = jnp.pad(flat, (0, -flat.size % batch), mode="edge")
-    found = jax.lax.map(pixel, padded, batch_size=batch)[: flat.size]
-    return jnp.moveaxis(found, 0, -1).reshape(*found.shape[1:], *cosine.shape)
+    padded = [jnp.pad(field, (0, -field.size % batch), mode="edge") for field in flat]
+    found = jax.lax.map(lambda one: pixel(*one), tuple(padded), batch_size=batch)[: flat[0].size]
+    return jnp.moveaxis(found, 0, -1).reshape(*found.shape[1:], *fields[0].shape)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import abc
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, final
 
 import equinox as eqx
@@ -15,12 +16,15 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import Lambert
+from brdfcheck.brdf.readers.python import is_file_spec
 from brdfcheck.runtime import double_precision
-from brdfcheck.scene.fresnel import FRESNELS
+from brdfcheck.scene.functions import Function, brdf_of
+from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
-from brdfcheck.scene.shading import AbstractMaterial, Meeting, Place, meetings, reflected
+from brdfcheck.scene.shading import FRESNELS, AbstractMaterial, Meeting, Place, meetings, reflected
 from brdfcheck.scene.vectors import TINY, checked, color_of, power, scalar, spread
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check
 
@@ -34,10 +38,12 @@ _SMOOTHEST = 1e-9
 class Term(eqx.Module):
     """One BRDF of a surface times a colour, or times the Fresnel reflectance whose value at normal incidence is the colour.
 
-    `brdf`: a catalogue name with its parameters, as in ``Term("blinn-phong", 0.3, n=50)``, or a lobe. `fresnel`: "none",
-    "exact" or "schlick", at the angle between the light and the half vector.
+    `brdf`: a catalogue name with its parameters, as in ``Term("blinn-phong", 0.3, n=50)``, or whatever else `brdfcheck.check`
+    takes: a lobe, ``Term("mine.py:glossy", n=50)``, a function f(wi, wo), whose x axis is level on every surface.
+    `fresnel`: "none", "exact" or "schlick", at the angle between the light and the half vector.
 
-    Raises KeyError for an unknown name, ValueError for bad parameters, TypeError for something that is no BRDF.
+    Raises KeyError for an unknown name, ValueError for bad parameters or a BRDF that cannot be called, TypeError for something
+    that is no BRDF.
     """
 
     brdf: AbstractBRDF
@@ -50,12 +56,11 @@ class Term(eqx.Module):
     def __init__(self, brdf: Any, tint: Any = 1.0, *, fresnel: str = "none", **parameters: Any):
         if fresnel not in ("none", *FRESNELS):
             raise ValueError(f"fresnel must be one of none, {', '.join(FRESNELS)}; got {fresnel!r}")
-        self.tint = color_of(
-            tint, "the Fresnel reflectance" if fresnel != "none" else "tint", 1 if fresnel != "none" else np.inf
-        )
+        reflectance = fresnel != "none"
+        self.tint = color_of(tint, "the Fresnel reflectance" if reflectance else "tint", 1 if reflectance else np.inf)
         self.fresnel, self.name, self.within = fresnel, "", False
-        if isinstance(brdf, str):
-            family = catalog.entry(brdf).family
+        if isinstance(brdf, str) and not is_file_spec(brdf):
+            self.name, family = brdf, catalog.entry(brdf).family
             for parameter in parameters.keys() - family.ranges.keys():
                 raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(family.ranges)}")
             for parameter in family.ranges.keys() - parameters.keys() - {"reflectance"}:
@@ -63,17 +68,17 @@ class Term(eqx.Module):
             for parameter, value in parameters.items():
                 (checked if parameter == "reflectance" else scalar)(value, f"{brdf}: {parameter}", -np.inf)
             ranges = [family.ranges[name] for name in parameters]
-            self.name = brdf
             self.within = all(
                 isinstance(value, Tracer) or bool(np.all((low <= np.asarray(value)) & (np.asarray(value) <= high)))
                 for value, (low, high) in zip(parameters.values(), ranges, strict=True)
             )
             brdf = family.build(**({"reflectance": 1.0} if "reflectance" in family.ranges else {}) | parameters)
+        elif not isinstance(brdf, AbstractBRDF):
+            numbers = {key: float(scalar(value, key, -np.inf)) for key, value in parameters.items()}
+            brdf = brdf_of(brdf, numbers)
         elif parameters:
-            raise TypeError(f"parameters go with a catalogue name; got {', '.join(parameters)} beside {type(brdf).__name__}")
-        if not isinstance(brdf, AbstractBRDF):
-            raise TypeError(f"a BRDF must be a catalogue name or a lobe of this package; got {type(brdf).__name__}")
-        what = self.name or type(brdf).__name__
+            raise TypeError(f"a lobe has its parameters; got {', '.join(parameters)} beside {type(brdf).__name__}")
+        what = self.name or name_of(brdf)
         self.brdf = jax.tree.map(lambda leaf: checked(leaf, f"a parameter of {what}", -np.inf), brdf)
         for slope in ("m", "alpha"):
             if hasattr(core := peel(self.brdf)[0], slope):
@@ -127,8 +132,6 @@ class Surface(AbstractMaterial):
             _refuse_excess(terms)
 
     def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
-        from brdfcheck.scene.furnace import directional_albedo
-
         dimensions = len(place.shape)
         total = jnp.zeros((3,) + (1,) * dimensions, place.normal.x.dtype)
         for number, light in enumerate(lights):
@@ -147,7 +150,9 @@ class Surface(AbstractMaterial):
                         field = light.irradiance(place.point, place.normal) / np.pi
                     total = total + spread(light.intensity * term.albedo().astype(total.dtype), dimensions) * field
                 elif isinstance(light, Environment):
-                    value = directional_albedo(term.brdf, place.seen, term.fresnel, term.tint)
+                    turn = None if hasattr(peel(term.brdf)[0], "breaks") else place.turn
+                    seen = place.seen if turn is None else jnp.broadcast_to(place.seen, place.shape)
+                    value = directional_albedo(term.brdf, seen, term.fresnel, term.tint, turn)
                     tint = term.tint if term.fresnel == "none" else jnp.ones_like(term.tint)
                     total = total + spread(light.intensity * tint, dimensions) * value
                 elif not isinstance(light, Ambient) and not (isinstance(light, Polygon) and light.matt_only):
@@ -169,7 +174,8 @@ def _own_report(structure: Any, leaves: tuple[tuple[tuple[int, ...], bytes], ...
     """Of one BRDF, by its numbers: scenes and the plans of a budget ask for the same one many times."""
     with double_precision():
         numbers = [jnp.asarray(np.frombuffer(content).reshape(shape)) for shape, content in leaves]
-        return check(jax.tree.unflatten(structure, numbers), intervals=False)
+        brdf = jax.tree.unflatten(structure, numbers)
+        return check(brdf.call if isinstance(brdf, Function) else brdf, intervals=False)
 
 
 def _concrete(term: Term) -> bool:
@@ -193,7 +199,7 @@ def _refuse_unvalidated(term: Term) -> None:
             if report.verdict is Verdict.CONSERVES
             else (f"{report.verdict.name}: albedo {report.albedo:.6g} +- {report.error:.1g}{where}, {report.angle:.3g} degrees")
         )
-        raise NotConserving(f"{term.name or report.name} is not validated ({reason})")
+        raise NotConserving(f"{term.name or name_of(term.brdf)} is not validated ({reason})")
 
 
 def _double(tree: Any) -> Any:
@@ -244,23 +250,42 @@ def _sum_report(terms: tuple[Term, ...], channel: int) -> Report:
 # --- artistic models: colours in [0, 1], as printed (Yokoi et al.), angles by their own equations ---
 
 
-def _highlighted(base: Array, w: Array, n: Array, found: list[Meeting], dimensions: int) -> Array:
-    """C1 + w cos^n a (1 - C1) for each light: white at the centre of a full highlight, whatever lies under it."""
-    dark = 1 - base
-    for meeting in found:
-        share = w * meeting.falloff * power(meeting.mirror_view, n)
-        dark = dark * (1 - spread(meeting.intensity, dimensions) * share)
-    return 1 - dark
+Profile = Callable[[Array], Array]
+"""How bright a highlight is by the cosine of the angle between the mirror direction and the view, 1 at 1."""
 
 
-def _diffuse(d: Array, found: list[Meeting], dimensions: int) -> Array:
-    """d + (1 - d) cos theta, over several lights d + (1 - d) sum a_l cos theta_l."""
-    lit = sum(spread(meeting.intensity, dimensions) * (meeting.falloff * meeting.cos_light) for meeting in found)
-    return d + (1 - d) * lit
+class AbstractHighlighted(AbstractMaterial):
+    r"""A matt body with a white highlight, $C = C_1 + w \cos^n a\,(1 - C_1)$ for each light; these are Distant, Point or Spot.
+
+    White at the centre of a full highlight, whatever lies under it.
+    """
+
+    base: eqx.AbstractVar[Array]
+    d: eqx.AbstractVar[Array]
+    w: eqx.AbstractVar[Array]
+    n: eqx.AbstractVar[Array]
+
+    @abc.abstractmethod
+    def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
+        """C1, what lies under the highlights, from the body's own colour."""
+
+    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
+        return self.painted(lights, place, lambda cosine: power(cosine, self.n))
+
+    def painted(self, lights: Sequence[AbstractLight], place: Place, profile: Profile) -> Float[Array, "3 ..."]:
+        """The colour with another profile of the highlight. ValueError for lights without a direction."""
+        found, dimensions = meetings(lights, place, type(self).__name__), len(place.shape)
+        # d + (1 - d) cos theta, over several lights d + (1 - d) sum a_l cos theta_l.
+        lit = sum(spread(meeting.intensity, dimensions) * (meeting.falloff * meeting.cos_light) for meeting in found)
+        dark = 1 - self.under((self.d + (1 - self.d) * lit) * spread(self.base, dimensions), place)
+        for meeting in found:
+            share = self.w * meeting.falloff * profile(meeting.mirror_view)
+            dark = dark * (1 - spread(meeting.intensity, dimensions) * share)
+        return 1 - dark
 
 
 @final
-class Highlight(AbstractMaterial):
+class Highlight(AbstractHighlighted):
     r"""Opaque with a white highlight, (4): $C = C_1 + w \cos^n a\,(1 - C_1)$, $C_1 = [d + (1-d)\cos\theta] C_0$.
 
     a is the angle between the mirror direction and the view. `base`: C0 in [0, 1]; d, w in [0, 1]; n >= 0. A light's
@@ -277,14 +302,12 @@ class Highlight(AbstractMaterial):
         self.base = color_of(base, "base", 1)
         self.d, self.w, self.n = scalar(d, "d", 0, 1), scalar(w, "w", 0, 1), scalar(n, "n")
 
-    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
-        found, dimensions = meetings(lights, place, "Highlight"), len(place.shape)
-        base = _diffuse(self.d, found, dimensions) * spread(self.base, dimensions)
-        return _highlighted(base, self.w, self.n, found, dimensions)
+    def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
+        return own
 
 
 @final
-class Translucent(AbstractMaterial):
+class Translucent(AbstractHighlighted):
     r"""Translucent over what lies behind, (6) and (8): `Highlight` with $C_1 = (1-t) C_B + t [d + (1-d)\cos\theta] C_0$.
 
     $t = t_h (1 - \cos b)^{t_p}$ is the opacity, b the angle between normal and view: clearer where it faces the eye. `behind`:
@@ -320,12 +343,9 @@ class Translucent(AbstractMaterial):
         """The same material over another background."""
         return eqx.tree_at(lambda material: material.behind, self, _backdrop(behind))
 
-    def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
-        found, dimensions = meetings(lights, place, "Translucent"), len(place.shape)
+    def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
         t = self.t_h * power(1 - jnp.clip(place.cos_view, 0, 1), self.t_p)
-        own = _diffuse(self.d, found, dimensions) * spread(self.base, dimensions)
-        base = (1 - t) * spread(self.behind, dimensions) + t * own
-        return _highlighted(base, self.w, self.n, found, dimensions)
+        return (1 - t) * spread(self.behind, len(place.shape)) + t * own
 
 
 def _backdrop(behind: Any) -> Array:

@@ -1,4 +1,4 @@
-"""Triangle meshes as shared vertices and faces (vertex lists), spheres and sheets, and the normals of faces and vertices.
+"""Triangle meshes as shared vertices and faces (vertex lists): spheres, sheets, files; the normals of faces and vertices.
 
 A mesh holds positions and topology only. Normals are computed from the positions whenever they are asked for, so a
 deformed mesh cannot keep the normals of its old shape.
@@ -7,6 +7,7 @@ deformed mesh cannot keep the normals of its old shape.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal, final
 
 import equinox as eqx
@@ -16,6 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from brdfcheck.messages import one_line
 from brdfcheck.scene.vectors import checked, scalar, unit
 
 Weighting = Literal["unit", "area"]
@@ -98,6 +100,13 @@ def _summed_normals(mesh: Mesh, weighting: Weighting) -> Array:
     return _normalised(jnp.zeros_like(mesh.vertices).at[mesh.faces.T].add(vectors))
 
 
+def border(mesh: Mesh) -> Int[np.ndarray, " k"]:
+    """The numbers of the vertices on edges that belong to one face only: none of a closed mesh."""
+    corners, vertices = np.sort(np.asarray(mesh.faces, np.int64), axis=1), len(mesh.vertices)
+    edges, count = np.unique(corners[:, [0, 0, 1]] * vertices + corners[:, [1, 2, 2]], return_counts=True)
+    return np.unique(np.divmod(edges[count == 1], vertices))
+
+
 def deformed(mesh: Mesh, move: Callable[[Array], Any]) -> Mesh:
     """The mesh with its vertices at ``move(vertices)``, shape (vertices, 3), and the same faces.
 
@@ -118,7 +127,7 @@ def _positive(value: Any, name: str) -> float:
 
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray, dtype: Any) -> Mesh:
-    return Mesh(jnp.asarray(vertices, dtype), faces)
+    return Mesh(jnp.asarray(np.asarray(vertices), dtype), np.asarray(faces))
 
 
 def icosphere(level: int = 2, dtype: Any = None) -> Mesh:
@@ -126,26 +135,10 @@ def icosphere(level: int = 2, dtype: Any = None) -> Mesh:
 
     ValueError unless `level` is an integer from 0 to 8.
     """
-    golden = (1 + np.sqrt(5)) / 2
-    signs = np.array([(i, j) for i in (-1, 1) for j in (-1, 1)])
-    block = np.column_stack([signs[:, 0], golden * signs[:, 1], np.zeros(4)])
-    vertices = np.concatenate([np.roll(block, turn, axis=1) for turn in range(3)])
-    # Three vertices at the least distance, 2, of one another make a face.
-    near = np.isclose(np.sum((vertices[:, None] - vertices) ** 2, axis=-1), 4)
-    i, j, k = np.nonzero(near[:, :, None] & near[:, None, :] & near[None, :, :])
-    faces = np.stack([i, j, k], axis=1)[(i < j) & (j < k)]
-    inward = np.linalg.det(vertices[faces]) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
-    for _ in range(_integer(level, "level", 0, 8)):
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        pairs, edge = np.unique(edges, axis=0, return_inverse=True)
-        ab, bc, ca = len(vertices) + edge.reshape(3, -1)
-        middles = vertices[pairs].sum(axis=1)
-        vertices = np.concatenate([vertices, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
-        a, b, c = faces.T
-        faces = np.concatenate([np.stack(part, 1) for part in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
-    return _mesh(vertices, faces, dtype)
+    import trimesh  # here and below: takes half a second, and most scenes have no mesh
+
+    made = trimesh.creation.icosphere(_integer(level, "level", 0, 8))
+    return _mesh(made.vertices, made.faces, dtype)
 
 
 def latitude_longitude_sphere(rows: int, columns: int, dtype: Any = None) -> Mesh:
@@ -153,19 +146,43 @@ def latitude_longitude_sphere(rows: int, columns: int, dtype: Any = None) -> Mes
 
     ValueError unless there are at least 2 rows and 3 columns.
     """
-    rows, columns = _integer(rows, "rows", 2, 4096), _integer(columns, "columns", 3, 4096)
-    polar, azimuth = np.pi * np.arange(1, rows) / rows, 2 * np.pi * np.arange(columns) / columns
-    x, y = (np.outer(np.sin(polar), part(azimuth)).ravel() for part in (np.cos, np.sin))
-    ring = np.stack([x, y, np.repeat(np.cos(polar), columns)], axis=1)
-    vertices = np.concatenate([[[0, 0, 1.0]], ring, [[0, 0, -1.0]]])
-    here, there = np.arange(columns), (np.arange(columns) + 1) % columns
-    faces = [np.stack([np.zeros_like(here), 1 + here, 1 + there], axis=1)]
-    for start in range(1, 1 + columns * (rows - 2), columns):
-        a, b, c, d = start + here, start + there, start + columns + here, start + columns + there
-        faces += [np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)]
-    last = 1 + columns * (rows - 2)
-    faces.append(np.stack([last + here, np.full_like(here, len(vertices) - 1), last + there], axis=1))
-    return _mesh(vertices, np.concatenate(faces), dtype)
+    import trimesh
+
+    polar = np.linspace(0, np.pi, _integer(rows, "rows", 2, 4096) + 1)
+    outline = np.stack([np.sin(polar), -np.cos(polar)], axis=1)
+    outline[-1, 0] = 0  # sin(pi) is not
+    # Large, because triangles below an area of 1e-8 are left out: at the poles those that are none, and no others.
+    made = trimesh.creation.revolve(1e4 * outline, sections=_integer(columns, "columns", 3, 4096))
+    return _mesh(made.vertices / 1e4, made.faces, dtype)
+
+
+def read_mesh(file: str | Path, dtype: Any = None) -> Mesh:
+    """The triangles of a file that trimesh reads, as OBJ, PLY, STL or GLB: all its meshes as one, in their places.
+
+    Vertices at one place are one vertex, whatever normals or textures the file has for them. A closed mesh whose faces look
+    inwards is turned. ValueError, in one line, where there is no such file, it cannot be read or has no triangles, and as for
+    `Mesh`.
+    """
+    import trimesh
+
+    label = repr(one_line(file))
+    if not Path(file).is_file():
+        raise ValueError(f"there is no file {label}")
+    try:
+        made = trimesh.load_scene(Path(file)).to_mesh()
+        found = len(made.faces)
+    except Exception as error:  # readers of many formats: a broken file raises anything
+        raise ValueError(f"cannot read {label} as a mesh: {one_line(error) or type(error).__name__}") from None
+    if not found:
+        raise ValueError(f"{label} has no triangles")
+    made.merge_vertices(merge_tex=True, merge_norm=True)
+    made.remove_unreferenced_vertices()
+    if made.is_watertight and made.is_winding_consistent and made.volume < 0:
+        made.invert()
+    try:
+        return _mesh(made.vertices, made.faces, dtype)
+    except ValueError as error:
+        raise ValueError(f"{label}: {error}") from None
 
 
 def _sheet(x: np.ndarray, z: np.ndarray, rows: int, dtype: Any) -> Mesh:

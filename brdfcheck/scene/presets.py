@@ -19,9 +19,8 @@ import numpy as np
 from brdfcheck.messages import UnknownName
 from brdfcheck.scene.cameras import checked_size
 from brdfcheck.scene.canvas import QUALITIES, Canvas, Image
-from brdfcheck.scene.lobes_and_lights import glass, lights, lobes, polygon_light
+from brdfcheck.scene.figures import BLUE, figure_9, glass, lights, lobes, metal, polygon_light, row_of, translucent_sheet
 from brdfcheck.scene.materials import Highlight, Translucent
-from brdfcheck.scene.paper_figures import BLUE, figure_9, metal, row_of, translucent_sheet
 from brdfcheck.scene.smooth_shading import gouraud_phong, mach_bands, quadrilaterals, sheets, silhouette_bleed
 from brdfcheck.scene.white_furnace import furnace, furnace_validated
 

@@ -19,8 +19,12 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
 from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
+from brdfcheck.brdf.microfacet import fresnel_dielectric, fresnel_schlick
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
-from brdfcheck.scene.vectors import TINY, Vector, dot, power, spread
+from brdfcheck.scene.vectors import TINY, Vector, choose, cross, dot, power, spread, unit
+
+FRESNELS = {"exact": fresnel_dielectric, "schlick": fresnel_schlick}
+"""By name: functions of (cosine, reflectance at normal incidence), each in [0, 1]."""
 
 
 class Place:
@@ -39,6 +43,29 @@ class Place:
     def seen(self) -> Array:
         """N.V > 0: what is drawn is seen, so where a normal says otherwise grazing is meant."""
         return jnp.maximum(self.cos_view, TINY)
+
+    @functools.cached_property
+    def _frame(self) -> tuple[Vector, Vector, Vector]:
+        """The axes x, y, z of the surface: z the normal, x level, square to the y axis of space."""
+        level = Vector(self.normal.z, 0.0, -self.normal.x)
+        flat = dot(level, level) > TINY
+        x = choose(flat, unit(level), Vector(1.0, 0.0, 0.0))
+        return x, cross(self.normal, x), self.normal
+
+    def local(self, direction: Vector) -> Float[Array, "... 3"]:
+        """A direction in the axes of the surface."""
+        parts = [jnp.broadcast_to(dot(axis, direction), self.shape) for axis in self._frame]
+        return jnp.stack(parts, axis=-1)
+
+    @property
+    def turn(self) -> Float[Array, "2 ..."]:
+        """Cosine and sine of the azimuth of the view in the axes of the surface; 1 and 0 where it has none."""
+        view = self.local(self.view)
+        square = view[..., 0] ** 2 + view[..., 1] ** 2
+        length = jnp.sqrt(jnp.where(square > TINY, square, 1))
+        return jnp.stack(
+            [jnp.where(square > TINY, view[..., 0] / length, 1), jnp.where(square > TINY, view[..., 1] / length, 0)]
+        )
 
 
 class Meeting:
@@ -80,41 +107,62 @@ class Meeting:
 
 
 def reflected(brdf: AbstractBRDF, meeting: Meeting) -> Float[Array, "..."]:
-    """f(L, V) (N.L) in 1/sr: a field, or (3, ...) where the BRDF has channels. TypeError for a BRDF of no known kind."""
+    """f(L, V) (N.L) in 1/sr: a field, or (3, ...) where the BRDF has channels.
+
+    Lobes that say what they are made of are computed from the angles of the meeting, any other BRDF from its directions.
+    """
     core, scale = peel(brdf)
-    dimensions = len(meeting.place.shape)
-    if isinstance(core, AbstractMicrofacetLobe):
-        versine = jnp.clip(1 - meeting.normal_half, 0, 1)
-        sine_squared = versine * (2 - versine)
-        i_h, view, light = meeting.light_half, meeting.place.seen, meeting.cos_light
-
-        def kernel(lobe: AbstractMicrofacetLobe) -> Array:
-            # By reciprocity: f (N.V) 4 (V.H) with the two directions exchanged, finite where the view is grazing.
-            return lobe.facet_kernel(1 - versine, sine_squared, view, light, i_h)
-
-        tint = getattr(core, "f0", None)
-        if tint is not None and tint.ndim:
-            lobes = [eqx.tree_at(lambda lobe: lobe.f0, core, part) for part in tint]
-            value = jnp.stack([jnp.broadcast_to(kernel(lobe), meeting.place.shape) for lobe in lobes])
-        else:
-            value = kernel(core)
-        value = jnp.where(light > 0, value / (4 * i_h), 0)
-    elif isinstance(core, AbstractZonalLobe):
-        value = meeting.cos_light
-        if not isinstance(core, Lambert):
-            cosine = meeting.normal_half if core.form == "half" else meeting.mirror_view
-            if isinstance(core, (Phong, BlinnPhong)):  # from the cosine itself: half the time of log1p
-                profile = power(cosine, core.n)
-            else:
-                # Never a versine outside its domain: a masked branch would still poison the gradient.
-                profile = core.profile(jnp.clip(1 - cosine, 0, 1))
-            value = value * (jnp.where(cosine > 0, profile, 0) if core.form == "mirror" else profile)
-        amplitude = core.amplitude()
-        value = spread(amplitude, dimensions) * value
+    if hasattr(core, "facet_kernel"):
+        value = _facets(core, meeting)
+    elif hasattr(core, "profile"):
+        value = _zonal(core, meeting)
     else:
-        raise TypeError(f"a scene shades lobes of this package; got {type(core).__name__}")
+        value = _any(core, meeting)
     cosine = jnp.where(meeting.cos_light > 0, meeting.cos_light, 1)  # some published forms divide by it
     return scale(cosine) * value
+
+
+def _facets(core: AbstractMicrofacetLobe, meeting: Meeting) -> Array:
+    versine = jnp.clip(1 - meeting.normal_half, 0, 1)
+    sine_squared = versine * (2 - versine)
+    i_h, view, light = meeting.light_half, meeting.place.seen, meeting.cos_light
+
+    def kernel(lobe: AbstractMicrofacetLobe) -> Array:
+        # By reciprocity: f (N.V) 4 (V.H) with the two directions exchanged, finite where the view is grazing.
+        return lobe.facet_kernel(1 - versine, sine_squared, view, light, i_h)
+
+    tint = getattr(core, "f0", None)
+    if tint is not None and tint.ndim:
+        lobes = [eqx.tree_at(lambda lobe: lobe.f0, core, part) for part in tint]
+        value = jnp.stack([jnp.broadcast_to(kernel(lobe), meeting.place.shape) for lobe in lobes])
+    else:
+        value = kernel(core)
+    return jnp.where(light > 0, value / (4 * i_h), 0)
+
+
+def _zonal(core: AbstractZonalLobe, meeting: Meeting) -> Array:
+    value = meeting.cos_light
+    if not isinstance(core, Lambert):
+        cosine = meeting.normal_half if core.form == "half" else meeting.mirror_view
+        if isinstance(core, (Phong, BlinnPhong)):  # from the cosine itself: half the time of log1p
+            profile = power(cosine, core.n)
+        else:
+            # Never a versine outside its domain: a masked branch would still poison the gradient.
+            profile = core.profile(jnp.clip(1 - cosine, 0, 1))
+        value = value * (jnp.where(cosine > 0, profile, 0) if core.form == "mirror" else profile)
+    return spread(core.amplitude(), len(meeting.place.shape)) * value
+
+
+def _any(core: AbstractBRDF, meeting: Meeting) -> Array:
+    # From below the horizon nothing comes: there, light along the normal keeps the function in its domain.
+    lit = meeting.normal_light > 0
+    wi, wo = meeting.place.local(meeting.direction), meeting.place.local(meeting.place.view)
+    wi = jnp.where(lit[..., None], wi, jnp.array([0, 0, 1], wi.dtype))
+    wo = wo.at[..., 2].set(jnp.maximum(wo[..., 2], TINY))
+    value = core(wi, wo)
+    if value.ndim > wo.ndim - 1:
+        value = jnp.moveaxis(value, -1, 0)
+    return jnp.where(lit, value * meeting.cos_light, 0)
 
 
 class AbstractMaterial(eqx.Module):

@@ -11,12 +11,11 @@ from jaxtyping import Array, Float
 
 from brdfcheck.scene import failures, meshes
 from brdfcheck.scene.cameras import Orthographic
-from brdfcheck.scene.canvas import Canvas, Image, matt_and_glossy
-from brdfcheck.scene.drawing import GROUND, curve
+from brdfcheck.scene.canvas import GROUND, Canvas, Image, curve, matt_and_glossy
 from brdfcheck.scene.images import contact_sheet
-from brdfcheck.scene.interpolation import area_weights, interpolated, scan_line_weights
 from brdfcheck.scene.lights import Distant
 from brdfcheck.scene.materials import Surface, Term
+from brdfcheck.scene.raster import area_weights, interpolated, scan_line_weights
 
 _LEVELS = (0, 1, 2, 3)
 

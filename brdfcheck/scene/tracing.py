@@ -22,8 +22,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from brdfcheck.brdf.microfacet import fresnel_dielectric
 from brdfcheck.geometry import reflected, refracted
-from brdfcheck.scene import fresnel
 from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
 from brdfcheck.scene.materials import Translucent
@@ -173,6 +173,19 @@ class Plane(AbstractBody):
         return self.point
 
 
+def boundary_reflectance(cosine: Float[Array, "..."], index: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Unpolarised reflectance of a smooth boundary at the cosine on the near side; 1 past total internal reflection.
+
+    `index`: of the far side over that of the near side, > 0. Shapes broadcast.
+    """
+    square = 1 - (1 - cosine * cosine) / (index * index)
+    passes = square > 0
+    behind = jnp.sqrt(jnp.where(passes, square, 1))
+    # The same from both sides: a function of the cosine on the thinner one, which is the smaller.
+    share = fresnel_dielectric(jnp.minimum(cosine, behind), ((index - 1) / (index + 1)) ** 2)
+    return jnp.where(passes, share, 1)
+
+
 class _Ray(NamedTuple):
     """Rays of the pixels of a block: from where, whereto, what their colour counts for, on which body they start."""
 
@@ -269,7 +282,7 @@ def _meet(
         share = nothing if body.mirror is None else nothing + body.mirror[:, None]
         if body.transparency is not None and body.index is not None:
             ratio = jnp.where(inside, body.index, 1 / body.index)
-            reflectance = fresnel.exact(-jnp.sum(facing * ray.travel, axis=0), 1 / ratio)
+            reflectance = boundary_reflectance(-jnp.sum(facing * ray.travel, axis=0), 1 / ratio)
             onward, passes = refracted(ray.travel, facing, ratio, axis=0)
             glass = body.transparency[:, None]
             share = share + glass * reflectance

@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.messages import one_line
+from brdfcheck.documents import shown
 
 TINY = 1e-18
 """Kept off exact zeros; its square is a normal float32 number."""
@@ -97,19 +97,6 @@ def strong(array: Array) -> Array:
     return array.astype(array.dtype) if array.weak_type else array
 
 
-def shown(value: Any) -> str:
-    """A value as a message quotes it: on one line, and not at length."""
-    if isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
-        if value.size > 4:
-            return f"an array of shape {value.shape}"
-        value = value.tolist()
-    try:
-        text = one_line(repr(value))
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "an integer of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 def _numbers(value: Any) -> Any:
     """An array of floating-point numbers: of JAX where it is one or holds traced values, else of numpy, never traced."""
     if isinstance(value, jax.Array) or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
@@ -144,9 +131,12 @@ def verified(
     range_of_single = f"finite in single precision, <= {_LARGEST:.3g}"
 
     def refusal(allowed: str, bad: np.ndarray | None = None) -> ValueError:
-        row = -1 if bad is None or bad.ndim != 2 else int(np.argmax(np.any(bad, axis=1)))
-        got = shown(value) if row < 0 else f"{shown(np.asarray(value)[row])} in row {row}"
-        return ValueError(f"{name} must be {allowed}; got {got}")
+        known = isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer)
+        given, where = value.tolist() if known else value, ""
+        if bad is not None and bad.ndim == 2:
+            row = int(np.argmax(np.any(bad, axis=1)))
+            given, where = np.asarray(value)[row].tolist(), f" in row {row}"
+        return ValueError(f"{name} must be {allowed}; got {shown(given)}{where}")
 
     try:
         array = _numbers(value)

@@ -16,8 +16,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Constant, Normalized, PerCosine, peel
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene.cameras import checked_size
-from brdfcheck.scene.canvas import Canvas, Image, averaged
-from brdfcheck.scene.drawing import color_scale, colored, stacked
+from brdfcheck.scene.canvas import Canvas, Image, averaged, color_scale, colored, stacked
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.images import contact_sheet
 
@@ -86,12 +85,6 @@ def _reflected(name: str, parameters: Mapping[str, float], cosine: Float[np.ndar
     return np.concatenate([_integrated(brdf, jnp.asarray(part)) for part in padded])[: cosine.size]
 
 
-@functools.lru_cache(maxsize=128)
-def _ratios(name: str, parameters: tuple[tuple[str, float], ...], side: int, samples: int) -> Float[np.ndarray, " k"]:
-    """`_reflected` at each of the `_distances`."""
-    return _reflected(name, dict(parameters), np.sqrt(1 - _distances(side, samples)[0]))
-
-
 def furnace_largest(name: str, parameters: Mapping[str, float]) -> float:
     """The most that a catalogue BRDF reflects of a uniform surrounding of radiance 1, of all whole degrees from 0 to 89.
 
@@ -100,42 +93,25 @@ def furnace_largest(name: str, parameters: Mapping[str, float]) -> float:
     return float(_reflected(name, parameters, np.cos(np.radians(np.arange(90.0)))).max())
 
 
-def _disc(colors: Float[np.ndarray, "3 k"], ground: Any, side: int, samples: int) -> Image:
-    """A colour for each of the `_distances`, before a ground of one colour, each pixel the mean of its samples."""
-    _, number = _distances(side, samples)
-    ground = np.broadcast_to(np.asarray(ground, np.float32), (3,))[:, None]
-    return averaged(np.concatenate([colors, ground], axis=1, dtype=np.float32)[:, number], samples)  # -1 is the last
+def furnace_excess(
+    name: str, parameters: Mapping[str, float], side: int, samples: int = 1
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
+    """(how much more than its surrounding a sphere of a catalogue BRDF shows, as a share; what it covers) of each pixel.
 
-
-def furnace_tile(name: str, parameters: Mapping[str, float], side: int, samples: int = 1) -> Image:
-    """The sphere of a catalogue BRDF in a uniform surrounding of radiance 0.4, before it, as `sphere_image` shows it.
-
-    Integrated at every distance from the centre that a pixel has: 27 times fewer than pixels on a side of 512. More
-    `samples` smooth the edge. KeyError for an unknown name, ValueError for bad parameters or a side that is none.
+    Means over samples x samples, 0 beside the sphere. Integrated at every distance from the centre that a pixel has: 27 times
+    fewer than pixels on a side of 512. KeyError for an unknown name, ValueError for bad parameters or a side that is none.
     """
     checked_size((side, side))
-    ratios = _ratios(name, tuple(parameters.items()), side, samples)
-    return _disc(np.broadcast_to(_ENVIRONMENT * ratios, (3, ratios.size)), _ENVIRONMENT, side, samples)
-
-
-def furnace_excess(name: str, parameters: Mapping[str, float], side: int) -> Float[np.ndarray, "side side"]:
-    """How much more than its surroundings each pixel of `furnace_tile` shows, as a share; 0 beside the sphere."""
-    checked_size((side, side))
-    ratios = _ratios(name, tuple(parameters.items()), side, 1)
-    return np.append(ratios - 1, np.float32(0))[_distances(side)[1]]
-
-
-def _false_tile(name: str, parameters: Mapping[str, float], side: int, samples: int) -> Image:
-    """The excess in false colour."""
-    number = _distances(side, samples)[1]
-    excess = np.append(_ratios(name, tuple(parameters.items()), side, samples) - 1, np.float32(0))[number]
-    return colored(averaged(excess, samples), averaged(number >= 0, samples))
+    square, number = _distances(side, samples)
+    excess = _reflected(name, parameters, np.sqrt(1 - square)) - 1
+    return averaged(np.append(excess, np.float32(0))[number], samples), averaged(number >= 0, samples)  # -1 is the last
 
 
 def _furnace_pair(canvas: Canvas, name: str, parameters: Mapping[str, float]) -> list[Image]:
-    pair = [make(name, parameters, canvas.side, canvas.samples) for make in (furnace_tile, _false_tile)]
+    """The sphere before its surrounding, of the radiance 0.4, as `sphere_image` shows it, and its excess in false colour."""
+    excess, covered = furnace_excess(name, parameters, canvas.side, canvas.samples)
     canvas.done()
-    return pair
+    return [np.broadcast_to(np.float32(_ENVIRONMENT) * (1 + excess), (3, *excess.shape)), colored(excess, covered)]
 
 
 def _numbers(parameters: Mapping[str, float]) -> str:

@@ -1,0 +1,79 @@
+"""BRDFs of users as terms of a surface: whatever `brdfcheck.check` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.callables import Evaluator, constant
+from brdfcheck.brdf.subject import as_target
+from brdfcheck.messages import UsageError, one_line
+
+
+@final
+class Function(AbstractBRDF):
+    """Any ``f(wi, wo)``: in a compiled program where JAX can trace it, else called with numpy arrays, without derivatives.
+
+    ValueError for a function that does not return a number, or three for R, G and B, for each direction.
+    """
+
+    call: Callable[..., Any] = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    traced: bool = eqx.field(static=True)
+    colored: bool = eqx.field(static=True)
+
+    def __init__(self, call: Callable[..., Any], name: str):
+        found = Evaluator(constant(call), {})
+        if found.channels not in (None, 1, 3):
+            raise ValueError(f"{name} has {found.channels} channels; a scene takes 1, or 3: R, G and B")
+        self.call, self.name, self.traced, self.colored = call, name, not found.slow, found.channels == 3
+
+    @property
+    def __name__(self) -> str:
+        return self.name
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """The function's value in 1/sr, shape (...), or (..., 3) where it has channels."""
+        wi, wo = jnp.broadcast_arrays(jnp.asarray(wi), jnp.asarray(wo))
+        dtype, flat = wi.dtype, (wi.reshape(-1, 3), wo.reshape(-1, 3))
+        rows = (len(flat[0]), 3) if self.colored else (len(flat[0]),)
+        if self.traced:
+            found = jnp.asarray(self.call(*flat)).astype(dtype)
+            found = found[:, 0] if found.ndim == 2 and not self.colored else found
+            value = jnp.broadcast_to(found, rows)
+        else:
+            value = jax.pure_callback(
+                lambda *given: self._called(rows, *given).astype(dtype),
+                jax.ShapeDtypeStruct(rows, dtype),
+                *flat,
+                vmap_method="sequential",
+            )
+        return value.reshape(wi.shape[:-1] + rows[1:])
+
+    def _called(self, rows: tuple[int, ...], wi: Any, wo: Any) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            found = np.asarray(self.call(np.array(wi, float), np.array(wo, float)), float)
+        return np.broadcast_to(found[:, 0] if found.ndim == 2 and not self.colored else found, rows)
+
+
+def brdf_of(value: Any, parameters: Mapping[str, float]) -> AbstractBRDF:
+    """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF.
+
+    Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
+    """
+    try:
+        target = as_target(value, {name: (number, number) for name, number in parameters.items()})
+    except UsageError as error:
+        words, missing, _ = one_line(error).partition(" must be given a range")
+        raise UsageError(f"{words} must be given as a number" if missing else words) from None
+    if target.finding is not None:
+        raise ValueError(one_line(target.finding))
+    brdf = target.family.build(**{name: low for name, (low, _) in target.family.ranges.items()})
+    return brdf if isinstance(brdf, AbstractBRDF) else Function(brdf, target.family.name)
