@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import typer
@@ -20,17 +21,17 @@ from brdfcheck.cli import ExitCode, words
 from brdfcheck.messages import UsageError
 
 ROOT = Path(brdfcheck.__file__).parent.parent
-COMMANDS = ("budget", "check", "audit", "fit", "list", "plot", "render", "study", "sweep")
+COMMANDS = ("check", "audit", "fit", "plot", "sweep", "render", "budget", "study", "list")
 
 Run = Callable[..., tuple[int, str, str]]
 
 # --- what is wrong, command by command ---
 
 BAD = {
-    "": [("", "no command given; the commands are budget, check"), ("chekc", "'chekc'"), ("--frobnicate", "--frobnicate")],
+    "": [("", "no command given; the commands are check, audit, fit"), ("chekc", "'chekc'"), ("--frobnicate", "--frobnicate")],
     "check": [
         ("--frobnicate", "--frobnicate"),
-        ("--over", "--over"),
+        ("--over", "Option '--over' requires an argument (see brdfcheck check --help)"),
         ("fong", "unknown BRDF 'fong'; did you mean phong"),
         ("absent.py:f", "there is no file 'absent.py'"),
         ("phong --over n", "--over: must be NAME=LO:HI or NAME=VALUE, as in n=1:1000; got 'n'"),
@@ -269,6 +270,7 @@ def test_help_has_examples_and_what_is_allowed(run: Run, command: str, option: s
     assert "Examples:" in out
     assert f"  brdfcheck {command or 'check'}" in out
     assert max(map(len, out.splitlines())) <= 100
+    assert "..." not in out.partition("Options:")[2].partition("  Examples:")[0]  # nothing is cut off
     allowed = {
         "check": ("<quick|normal|thorough>", "0<=x<=0.5", "[x>=1]"),
         "fit": ("<minimax|least-squares|reciprocal>", "<geometric|linear|integers>", "glsl|c|csv|npy|exr FILE"),
@@ -296,4 +298,22 @@ def test_nothing_heavy_is_imported_to_read_words(line: str, code: int) -> None:
 
 
 def test_every_command_is_asked_here() -> None:
-    assert {command.name for command in cli.app.app.registered_commands} == set(COMMANDS)
+    assert tuple(command.name for command in cli.app.app.registered_commands) == COMMANDS
+
+
+def test_the_choices_are_those_of_what_does_the_work() -> None:
+    """They are written down again, so that they can be read without importing it."""
+    from brdfcheck import plots, studies
+    from brdfcheck.cli import check, fit, plot, render, study
+    from brdfcheck.fits import factor
+    from brdfcheck.output import table_files
+    from brdfcheck.scene import canvas
+    from brdfcheck.verdict import supremum
+
+    assert get_args(check._Effort) == tuple(supremum.EFFORTS)
+    assert get_args(fit.Objective) == tuple(factor.OBJECTIVES)
+    assert get_args(fit.Sampling) == tuple(factor.SAMPLINGS)
+    assert tuple(fit.Kind) == ("glsl", "c", *table_files.KINDS)
+    assert get_args(plot.Kind) == plots.KINDS
+    assert get_args(render.Quality) == tuple(canvas.QUALITIES)
+    assert get_args(study.Size) == studies.SIZES

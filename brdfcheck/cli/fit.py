@@ -74,7 +74,8 @@ def _fit(
         typer.Option(metavar="NAME=VALUE", parser=words.setting, help="Hold another parameter at a value. Repeatable."),
     ] = None,
     ladder: Annotated[
-        bool, typer.Option("--ladder", help="Also compare cheaper and tighter forms of factor: their cost, the energy lost.")
+        bool,
+        typer.Option("--ladder", help="Also compare forms of factor, from cheap to tight: their cost and the energy lost."),
     ] = False,
     json: Json = None,
     export: Annotated[
@@ -86,7 +87,7 @@ def _fit(
     ] = None,
     debug: Debug = False,
 ) -> int:
-    """The factor (n+A)/B that normalises a lobe, and whether it conserves energy.
+    """The factor (n+A)/B that normalises a lobe, and the verdict on it.
 
     A factor that the lobe carries already is taken off first. The verdict holds over all exponents of the range and all
     angles.

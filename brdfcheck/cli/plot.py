@@ -120,7 +120,7 @@ def _plot(
     ] = False,
     debug: Debug = False,
 ) -> int:
-    """Figures for a paper: albedo against exponent or angle, heat maps, factors."""
+    """Figures for a paper: albedos as curves and heat maps, factors."""
     ranges = words.together(over)
     if n is not None:
         if "n" in ranges:

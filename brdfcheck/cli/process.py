@@ -20,6 +20,9 @@ from brdfcheck.interruption import leave
 from brdfcheck.messages import UsageError, one_line
 
 _COMMANDS = (budget, check, fit, listing, plot, render, study, sweep)
+# As one meets them, which is how they are listed.
+_ORDER = ("check", "audit", "fit", "plot", "sweep", "render", "budget", "study", "list")
+app.registered_commands.sort(key=lambda command: _ORDER.index(str(command.name)))
 _STOPPED = 130  # what typer makes of KeyboardInterrupt, if not its Abort
 
 
@@ -40,7 +43,7 @@ def run(arguments: Sequence[str]) -> int:
 def _read(arguments: Sequence[str]) -> Task | int:
     """What the words ask for, or an exit code where nothing is left to do. UsageError where they make no sense."""
     if not arguments:
-        *most, last = (command.name or "" for command in app.registered_commands)
+        *most, last = _ORDER
         raise UsageError(f"no command given; the commands are {', '.join(most)} and {last} (see brdfcheck --help)")
     try:
         task = typer.main.get_command(app).main(list(arguments), prog_name="brdfcheck", standalone_mode=False)
@@ -52,16 +55,15 @@ def _read(arguments: Sequence[str]) -> Task | int:
         # What typer raises for words it does not understand; the classes moved between its releases.
         if not hasattr(error, "format_message"):
             raise
-        raise UsageError(_refusal(error)) from error
+        raise UsageError(_refusal(error, f"brdfcheck {arguments[0]}" if arguments[0] in _ORDER else "brdfcheck")) from error
     if task == _STOPPED:
         raise KeyboardInterrupt
     return task if isinstance(task, Task) else int(task or 0)
 
 
-def _refusal(error: Any) -> str:
-    """What typer has against a word, with the name of the option, the value, and what is allowed."""
-    context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
-    text = error.format_message()
+def _refusal(error: Any, command: str) -> str:
+    """What typer has against a word of a command, with the name of the option, the value, and what is allowed."""
+    text, parameter = error.format_message(), getattr(error, "param", None)
     if parameter is not None and error.message:
         name = max(parameter.opts, key=len) if parameter.param_type_name == "option" else parameter.metavar or parameter.name
         text = error.message.removeprefix("Value error, ")
@@ -69,7 +71,7 @@ def _refusal(error: Any) -> str:
         if errors and errors[0]["type"] != "value_error":  # pydantic's words on a number, which do not say what it was given
             text = f"must be {_allowed(errors[0])}; got {one_line(errors[0]['input']) or 'nothing'}"
         text = f"{name}: {text}"
-    return f"{one_line(text).rstrip('.')} (see {'brdfcheck' if context is None else context.command_path} --help)"
+    return f"{one_line(text).rstrip('.')} (see {command} --help)"
 
 
 def _allowed(fault: Mapping[str, Any]) -> str:

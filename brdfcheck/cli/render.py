@@ -12,6 +12,8 @@ from brdfcheck.cli.app import Debug, ExitCode, asked, command, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
+Quality = Literal["draft", "normal", "high"]
+
 
 @command(
     "render",
@@ -56,7 +58,11 @@ def _render(
     target: Annotated[
         str | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", parser=words.file(".png", ".exr"), help="A .png (sRGB) or .exr (linear)."
+            "-o",
+            "--output",
+            metavar="FILE",
+            parser=words.file(".png", ".exr"),
+            help="Where the picture goes: .png (sRGB) or .exr (linear).",
         ),
     ] = None,
     size: Annotated[
@@ -67,9 +73,7 @@ def _render(
             help="The side of each square of a preset, or the size of a scene. [default: its own]",
         ),
     ] = None,
-    quality: Annotated[
-        Literal["draft", "normal", "high"], typer.Option(help="1, 2 or 4 samples along each side of a pixel.")
-    ] = "normal",
+    quality: Annotated[Quality, typer.Option(help="1, 2 or 4 samples along each side of a pixel.")] = "normal",
     bits: Annotated[Literal["8", "16"] | None, typer.Option(help="Bits of each channel of a .png. [default: 8]")] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the presets, and render nothing.")] = False,
     debug: Debug = False,

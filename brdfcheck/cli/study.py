@@ -22,6 +22,8 @@ from brdfcheck.messages import UsageError, one_line
 if TYPE_CHECKING:
     from brdfcheck.studies import Study
 
+Size = Literal["small", "full"]
+
 
 @command(
     "study",
@@ -38,9 +40,10 @@ side unless they measure times.""",
 )
 def _study(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="list|all|NAME", help="Which studies to run.", show_default=False)
+        list[str] | None,
+        typer.Argument(metavar="list|all|NAME", help="'list' shows the studies; 'all' or names run them.", show_default=False),
     ] = None,
-    size: Annotated[Literal["small", "full"], typer.Option(help="How much to compute: small takes a few seconds.")] = "full",
+    size: Annotated[Size, typer.Option(help="How much to compute: small takes a few seconds.")] = "full",
     out: Annotated[str, typer.Option("--out", metavar="FOLDER", help="Where the reports go.")] = "reports",
     debug: Debug = False,
 ) -> int:
