@@ -7,7 +7,8 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -232,16 +233,17 @@ def _computed(
     for target in targets:
         if target.finding is not None:
             raise UsageError(f"{target.family.name}: {one_line(target.finding)}")
+    jobs: dict[str, list[Callable[[], Curve]]]
     if settings.kind == "albedo-vs-angle":
         jobs = {name: _over_angles(target, len(targets), settings) for name, target in zip(names, targets, strict=True)}
     else:
         families = _common_ranges([target.family for target in targets], settings, output)
         compute = curves.KINDS[settings.kind]
         jobs = {
-            name: [_job(compute, family, target, samples=settings.samples)]
+            name: [partial(_of_target, compute, family, target, samples=settings.samples)]
             for name, family, target in zip(names, families, targets, strict=True)
         }
-    jobs |= {file: [_fit_job(file, result, settings) for result in results] for file, results in fits.items()}
+    jobs |= {file: [partial(_of_fit, file, result, settings) for result in results] for file, results in fits.items()}
     found: dict[str, list[Curve]] = {}
     with output.progress(sum(map(len, jobs.values())), "computing") as advance:
         for name, parts in jobs.items():
@@ -252,14 +254,9 @@ def _computed(
     return found
 
 
-def _job(compute: Callable[..., Curve], family: Any, target: Target, **options: Any) -> Callable[[], Curve]:
-    held = dict(target.family.held)
-
-    def job() -> Curve:
-        curve = compute(family, **options)
-        return {**curve, "held": {**held, **curve["held"]}, "origin": "user" if target.file else "catalog"}
-
-    return job
+def _of_target(compute: Callable[..., Curve], family: Any, target: Target, /, **options: Any) -> Curve:
+    curve = compute(family, **options)
+    return {**curve, "held": {**target.family.held, **curve["held"]}, "origin": "user" if target.file else "catalog"}
 
 
 def _over_angles(target: Target, count: int, settings: _Settings) -> list[Callable[[], Curve]]:
@@ -279,13 +276,12 @@ def _over_angles(target: Target, count: int, settings: _Settings) -> list[Callab
         if most < 3:
             chosen = chosen[:most] if most == 2 else chosen[len(chosen) // 2 :][:1]
         places = [{parameter: value} for value in chosen]
-    return [_job(curves.albedo_vs_angle, family, target, samples=settings.samples, **place) for place in places]
+    compute = partial(_of_target, curves.albedo_vs_angle, family, target, samples=settings.samples)
+    return [partial(compute, **place) for place in places]
 
 
 def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output) -> list[Any]:
     """The families over the part of the parameter's range that all of them have, where no range was asked for."""
-    import dataclasses
-
     parameters = {name for family in families for name, (low, high) in family.ranges.items() if low < high}
     if len(families) < 2 or len(parameters) != 1 or settings.kind == "heatmap" or parameters & set(settings.over):
         return list(families)
@@ -295,23 +291,20 @@ def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output)
     if len(ranges) < 2 or low >= high:
         return list(families)
     output.line(f"{parameter}={low:g}:{high:g}, the range that all have (--over {parameter}=LO:HI for another one)")
-    return [dataclasses.replace(family, ranges={**family.ranges, parameter: (low, high)}) for family in families]
+    return [replace(family, ranges={**family.ranges, parameter: (low, high)}) for family in families]
 
 
-def _fit_job(file: str, result: Mapping[str, Any], settings: _Settings) -> Callable[[], Curve]:
+def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
     from brdfcheck.brdf.readers.python import is_file_spec
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 
-    def job() -> Curve:
-        try:
-            name, n = str(result["name"]), (float(result["n"][0]), float(result["n"][1]))
-            target: Any = resolve([name], {"n": n}, None)[0].family if is_file_spec(name) else name
-            return curves.fitted(settings.kind, target, result, samples=settings.samples)
-        except (KeyError, TypeError, IndexError) as error:
-            raise UsageError(f"{file}: the fit is damaged: {type(error).__name__}: {one_line(error)}") from error
-
-    return job
+    try:
+        name, n = str(result["name"]), (float(result["n"][0]), float(result["n"][1]))
+        target: Any = resolve([name], {"n": n}, None)[0].family if is_file_spec(name) else name
+        return curves.fitted(settings.kind, target, result, samples=settings.samples)
+    except (KeyError, TypeError, IndexError) as error:
+        raise UsageError(f"{file}: the fit is damaged: {type(error).__name__}: {one_line(error)}") from error
 
 
 def _asked(job: Callable[[], Curve], name: str, settings: _Settings) -> Curve:
