@@ -64,7 +64,7 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """A panel a lobe, light to dark along the parameter, a dot at the worst angle of each curve."""
     from brdfcheck import plots
-    from brdfcheck.plots.angle import looks
+    from brdfcheck.plots.styles import looks
 
     ratios = record["summary"]["ratios"]
     columns = min(len(ratios), 4)

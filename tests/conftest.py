@@ -8,8 +8,10 @@ import itertools
 import os
 import shutil
 import signal
+import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 # Before anything of the package runs, and inherited by the processes that tests start.
 if "BRDFCHECK_CACHE" not in os.environ:
@@ -65,6 +67,26 @@ def _no_annotations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests say for themselves whether they run as if on GitHub or with debugging."""
     for name in ("GITHUB_ACTIONS", "BRDFCHECK_DEBUG", "FORCE_COLOR", "NO_COLOR"):
         monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, the working directory of the test, in which a user's file may be imported."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs a command in this process: (exit code, stdout, stderr)."""
+    from brdfcheck import cli
+
+    def run(*words: str) -> tuple[int, str, str]:
+        code = cli.run(words)
+        return code, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -58,27 +58,6 @@ def test_json_alone_on_stdout(scene, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ([], "say which scene"),
-        (["none.toml"], "there is no file 'none.toml'"),
-        (["SCENE", "--tolerance", "x"], "--tolerance: must be a number from 0 to 1"),
-        (["SCENE", "--tolerance", "-1"], "--tolerance: must be a number from 0 to 1"),
-        (["SCENE", "-o", "chart.txt"], "--output: the file must end in .png, .svg, .pdf"),
-        (["SCENE", "--images", "x.exr"], "--images: the file must end in .png"),
-        (["SCENE", "--json", "/nowhere/b.json"], "--json: cannot write"),
-        (["SCENE", "--json", "same.png", "-o", "same.png"], "name the same file"),
-        (["SCENE", "--size", "3"], "No such option"),
-    ],
-)
-def test_wrong_words(scene, capsys, words, message):
-    assert run(["budget", *(str(scene) if word == "SCENE" else word for word in words)]) == 4
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("bits = 8", "bits = 12", "output.bits: must be one of 8 or 16; got 12"),
@@ -109,10 +88,3 @@ def test_a_picture_that_does_not_repeat(scene, capsys, monkeypatch):
     )
     assert run(["budget", str(scene)]) == 1
     assert "rendered again, the chosen combination errs" in capsys.readouterr().out
-
-
-def test_help_shows_a_scene(capsys):
-    assert run(["budget", "--help"]) == 0
-    text = capsys.readouterr().out
-    assert "[matters]" in text
-    assert "--tolerance" in text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brdfcheck import cli
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized
 from brdfcheck.cli import ExitCode
@@ -39,21 +37,10 @@ MINE = """
 
 
 @pytest.fixture
-def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    path = tmp_path / "mine.py"
+def mine(here: Path) -> str:
+    path = here / "mine.py"
     path.write_text(textwrap.dedent(MINE))
     return str(path)
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = cli.run(arguments)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
 
 
 def test_plain_text(run: Run) -> None:
@@ -181,36 +168,6 @@ def test_least_squares_says_that_b_was_enlarged(run: Run) -> None:
 
 def test_waste_is_remarked(run: Run) -> None:
     assert "grows like 6.281 ln n" in run("fit", "schlick-mirror", "--n", "1:100000")[1]
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("lambert",), "lambert has no exponent n to normalise over; it has reflectance"),
-        (("ggx",), "ggx has no exponent n"),
-        (("phon",), "unknown BRDF 'phon'; did you mean phong"),
-        (("phong", "--n", "5:1"), "--n 5:1: LO must not exceed HI"),
-        (("phong", "--n", "-1:1"), "--n -1:1: exponents must be >= 0"),
-        (("phong", "--n", "a:b"), "--n a:b: 'a' is not a number"),
-        (("phong", "--n", "1:inf"), "must be finite"),
-        (("phong", "--objective", "best"), "--objective: must be one of minimax, least-squares, reciprocal; got 'best'"),
-        (("phong", "--sampling", "random"), "--sampling: must be one of"),
-        (("phong", "--over", "n=3"), "the exponents are given with --n"),
-        (("phong", "--over", "k=3"), "has no parameter 'k'"),
-        (("phong", "--export", "png", "x.png"), "--export: must be one of glsl, c, csv, npy, exr; got 'png'"),
-        (("phong", "--export", "exr", "-"), "needs a file name"),
-        (("phong", "--export", "c"), "requires 2 arguments"),
-        (("phong", "--export", "c", "/nonexistent/a.c"), "--export: cannot write '/nonexistent/a.c'"),
-        (("phong", "--export", "c", "-", "--json", "-"), "cannot both write to stdout"),
-        (("phong", "--json", "/nonexistent/a.json"), "--json: cannot write"),
-        ((), "Missing argument 'NAME'"),
-    ],
-)
-def test_usage_errors(run: Run, words: tuple[str, ...], message: str) -> None:
-    code, out, err = run("fit", *words)
-    assert (code, out) == (ExitCode.USAGE_ERROR, "")
-    assert message in err
-    assert err.count("\n") == 1
 
 
 def test_a_family_with_free_parameters_is_refused(run: Run, mine: str) -> None:

@@ -15,7 +15,6 @@ import png
 import pytest
 
 import brdfcheck
-from brdfcheck import cli
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
 from brdfcheck.scene import files as scene_files
@@ -49,22 +48,6 @@ spot_exponent = 2
 kind = "ambient"
 intensity = [0.1, 0.1, 0.2]
 """
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = cli.run(arguments)
-        said = capsys.readouterr()
-        return code, said.out, said.err
-
-    return run
 
 
 def read(path: Path) -> tuple[np.ndarray, int]:
@@ -113,38 +96,6 @@ def test_another_process_writes_the_same_bytes(run: Run, here: Path) -> None:
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert (here / "a.png").read_bytes() == (here / "b.png").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "say what to render: a preset's name (brdfcheck render --list) or a scene's file"),
-        (("furnac", "-o", "a.png"), "unknown preset 'furnac'; did you mean furnace"),
-        (("zzz", "-o", "a.png"), "unknown preset 'zzz'; the presets are figure-5, "),
-        (("figure-5",), "-o: say where the picture goes"),
-        (("figure-5", "-o", "a.jpg"), "--output: the file must end in .png or .exr; got 'a.jpg'"),
-        (("figure-5", "-o", "no/a.png"), "--output: cannot write 'no/a.png': the folder"),
-        (("figure-5", "-o", "a.png", "--size", "0"), "--size: must be a number of pixels from 1 to 4096; got '0'"),
-        (("figure-5", "-o", "a.png", "--size", "2x2"), "--size: must be a number of pixels from 1 to 4096; got '2x2'"),
-        (("figure-5", "-o", "a.png", "--size", "4096", "--quality", "high"), "from 1 to 2048; got '4096'"),
-        (("figure-5", "-o", "a.png", "--quality", "best"), "--quality: must be one of draft, normal, high; got 'best'"),
-        (("figure-5", "-o", "a.png", "--bits", "12"), "--bits: must be 8 or 16; got '12'"),
-        (("none.toml", "-o", "a.png"), "there is no file 'none.toml'"),
-        ((".toml", "-o", "a.png"), ".toml is a folder; give a TOML file"),
-        (("binary.toml", "-o", "a.png"), "binary.toml is not a text file in UTF-8"),
-        (("broken.toml", "-o", "a.png"), "broken.toml is not TOML: "),
-    ],
-)
-def test_4_and_one_line_for_what_cannot_be_done(run: Run, here: Path, words: tuple[str, ...], message: str) -> None:
-    (here / ".toml").mkdir()
-    (here / "binary.toml").write_bytes(b"\xff\xfe")
-    (here / "broken.toml").write_text("size = ")
-    code, out, err = run("render", *words)
-    assert (code, out) == (ExitCode.USAGE_ERROR, "")
-    assert err.startswith("brdfcheck: ")
-    assert err.count("\n") == 1
-    assert message in err
-    assert not (here / "a.png").exists()
 
 
 # --- scenes ---

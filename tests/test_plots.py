@@ -18,7 +18,7 @@ import pytest
 import brdfcheck
 from brdfcheck import plots
 from brdfcheck.brdf import catalog
-from brdfcheck.plots import heatmap, paper
+from brdfcheck.plots import panels, paper
 from brdfcheck.plots.styles import DASHES, FITS, LOBES, VARIANTS, ink, style_of, styles
 
 ROOT = Path(brdfcheck.__file__).parent.parent
@@ -225,7 +225,7 @@ def test_a_heat_map_far_above_1_shows_its_structure(low, high):
     curve = heat_curve(top=1.0)
     shape = np.shape(curve["albedo"])
     values = np.linspace(low, high, math.prod(shape)).reshape(shape)
-    levels, colors = heatmap._levels([{**curve, "albedo": values.tolist()}], None)
+    levels, colors = panels._levels([{**curve, "albedo": values.tolist()}], None)
     assert np.all(np.diff(levels) > 0)
     assert len(colors) == len(levels) - 1 == len(set(colors))
     assert 1.0 in levels
@@ -398,7 +398,7 @@ def test_the_settings_of_the_user_do_not_matter():
 
 
 def test_plotting_never_computes():
-    code = "import sys, brdfcheck.plots as p, brdfcheck.plots.heatmap, brdfcheck.plots.factor, brdfcheck.output.curve_files"
+    code = "import sys, brdfcheck.plots as p, brdfcheck.plots.panels, brdfcheck.output.curve_files"
     code += "; print([m for m in ('jax', 'equinox', 'matplotlib.pyplot') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"

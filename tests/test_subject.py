@@ -10,12 +10,9 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from brdfcheck.brdf.readers.python import load_module, load_object, split_spec
 from brdfcheck.brdf.subject import Target, catalog_target, resolve
-from brdfcheck.cli.words import parse_cosines, parse_over, parse_range
 from brdfcheck.messages import UsageError, one_line
 
 Write = Callable[..., str]
@@ -39,76 +36,7 @@ def one(spec: str, **ranges: tuple[float, float]) -> Target:
     return resolve([spec], ranges, None)[0]
 
 
-# --- the grammar of --over ---
-
-names = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,8}", fullmatch=True)
-finite = st.floats(allow_nan=False, allow_infinity=False)
-
-
-@given(names, finite, finite)
-def test_ranges_are_read_exactly(name: str, first: float, second: float) -> None:
-    low, high = sorted((first, second))
-    assert parse_over([f"{name}={low!r}:{high!r}"]) == {name: (low, high)}
-    assert parse_over([f"{name}={low!r}"]) == {name: (low, low)}
-
-
-@given(st.text(max_size=20))
-def test_any_other_text_is_a_usage_error_in_one_line(text: str) -> None:
-    message, bounds = "", (0.0, 0.0)
-    try:
-        (bounds,) = parse_over([text]).values()
-    except UsageError as error:
-        message = str(error)
-    assert message.isprintable()
-    assert not message or message.startswith("--over")
-    assert bounds[0] <= bounds[1]
-    assert np.isfinite(bounds).all()
-
-
-@given(names, finite, finite)
-def test_reversed_ranges_are_refused(name: str, first: float, second: float) -> None:
-    low, high = sorted((first, second))
-    if low < high:
-        with pytest.raises(UsageError, match="LO must not exceed HI"):
-            parse_over([f"{name}={high!r}:{low!r}"])
-
-
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ("n", "must be NAME=LO:HI"),
-        ("=1:2", "must be NAME=LO:HI"),
-        ("2n=1:2", "must be NAME=LO:HI"),
-        ("n=", "must be LO:HI"),
-        ("n=1:", "must be LO:HI"),
-        ("n=:1", "must be LO:HI"),
-        ("n=1:2:3", "must be LO:HI"),
-        ("n=one:2", "'one' is not a number"),
-        ("n=nan:2", "must be finite; got nan"),
-        ("n=1:inf", "must be finite; got inf"),
-        ("n=5:1", "5 > 1"),
-    ],
-)
-def test_bad_ranges_say_what_is_allowed(option: str, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        parse_over([option])
-
-
-def test_a_parameter_is_given_once() -> None:
-    with pytest.raises(UsageError, match="'n' is given twice"):
-        parse_over(["n=1:2", "n=3"])
-
-
-def test_cosines() -> None:
-    assert parse_cosines(None) is None
-    assert parse_cosines("0.1:1") == (0.1, 1.0)
-    for text in ("-0.1:1", "0:1.5"):
-        with pytest.raises(UsageError, match="within 0:1"):
-            parse_cosines(text)
-
-
 def test_small_things() -> None:
-    assert parse_range(" 1 : 2 ", "x") == (1.0, 2.0)
     assert one_line("a\n  b\x1b[31m\tc") == "a b[31m c"
     assert split_spec("a:b/mine.py:f") == ("a:b/mine.py", "f")
     assert split_spec("mine.py") == ("mine.py", None)

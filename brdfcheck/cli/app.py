@@ -7,16 +7,18 @@ work, once the words are known to be right.
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import logging
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from brdfcheck import __version__
+from brdfcheck.cli import words
 from brdfcheck.messages import UsageError, one_line
 
 
@@ -43,6 +45,20 @@ class Task:
     debug: bool
 
 
+def command(name: str, *, epilog: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Makes a command of a function, which is its work: the command itself gives a `Task` of it. It takes `debug`."""
+
+    def register(work: Callable[..., int]) -> Callable[..., int]:
+        @app.command(name, epilog=epilog)
+        @functools.wraps(work)
+        def read(**options: Any) -> Task:
+            return Task(functools.partial(work, **options), options["debug"])
+
+        return work
+
+    return register
+
+
 app = typer.Typer(
     name="brdfcheck",
     help="Does this BRDF conserve energy?",
@@ -55,7 +71,7 @@ Examples:
   brdfcheck fit blinn-phong              the factor that normalises a lobe
   brdfcheck sweep config.toml --out S    albedos over a grid, into a Zarr store
   brdfcheck plot albedo-vs-n phong       a figure for a paper
-  brdfcheck render furnace -o FILE.png   a picture: presets, or a scene of your own
+  brdfcheck render furnace -o FILE.png   a picture of a preset or of your own scene
   brdfcheck budget scene.toml            the cheapest models that a scene needs
   brdfcheck study all                    questions answered with figures, into reports/
   brdfcheck list                         names, formulas and sources
@@ -66,13 +82,6 @@ brdfcheck COMMAND --help shows the options of a command.""",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-
-EXIT_CODES = """\b
-Exit codes:
-  0  all conserve energy            3  internal error
-  1  some violate the law, are      4  usage error
-     undecided, or have findings    5  nothing to check
-  2  interrupted"""
 
 
 def _show_version(wanted: bool) -> None:
@@ -90,28 +99,46 @@ def _main(
     pass
 
 
-Filter = Annotated[str, typer.Option("-k", "--filter", metavar="SUBSTRING", help="Only the BRDFs whose names contain this.")]
-Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help='Write the results as JSON; "-" is stdout.')]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an internal error.")]
+Filter = Annotated[str, typer.Option("-k", "--filter", metavar="TEXT", help="Only the BRDFs whose names contain this text.")]
+Json = Annotated[
+    str | None,
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        parser=words.file(stdout=True),
+        help='Write the results as JSON; "-" writes them to standard output.',
+    ),
+]
+Over = Annotated[
+    list[words.Setting] | None,
+    typer.Option(
+        "--over",
+        metavar="NAME=LO:HI",
+        parser=words.setting,
+        help="Let a parameter run over a range, or hold it at one value with NAME=VALUE. Repeatable.",
+    ),
+]
+CosTheta = Annotated[
+    words.Interval | None,
+    typer.Option(
+        "--cos-theta",
+        metavar="LO:HI",
+        parser=words.within(0, 1),
+        help="The cosines of incidence to look at, within 0:1; 1 is normal incidence. [default: 0:1]",
+    ),
+]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 
-def refuse_outputs(outputs: Mapping[str, str | None]) -> None:
-    """UsageError where one of the files {option: path} cannot be written, or two options name the same file.
-
-    "-" and None pass: stdout, and nothing to write.
-    """
-    from brdfcheck.output.records import refuse_output
-
-    seen: dict[str, str] = {}
-    for option, path in outputs.items():
-        if path is None or path == "-":
-            continue
-        trouble = refuse_output(path)
-        if trouble:
-            raise UsageError(f"{option}: cannot write {path!r}: {one_line(trouble)}")
-        first = seen.setdefault(os.path.realpath(path), option)
-        if first != option:
-            raise UsageError(f"{first} and {option} name the same file: {path}")
+@contextlib.contextmanager
+def asked(place: str = "") -> Iterator[None]:
+    """A ValueError within it, which says what is wrong with what was asked, becomes a UsageError that starts with `place`."""
+    try:
+        yield
+    except UsageError:
+        raise
+    except ValueError as error:
+        raise UsageError(f"{place}{one_line(error)}") from error
 
 
 def start() -> None:

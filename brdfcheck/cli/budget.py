@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from brdfcheck.cli.app import Debug, ExitCode, Json, Task, app, refuse_outputs, start
-from brdfcheck.cli.output import Output, save
+from brdfcheck.cli import words
+from brdfcheck.cli.app import Debug, ExitCode, Json, command, start
+from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from brdfcheck.budgets.measure import Budget
 
 
-@app.command(
+@command(
     "budget",
     epilog="""\b
 Examples:
@@ -24,95 +25,97 @@ Examples:
   brdfcheck budget scene.toml --json -
 
 \b
-scene.toml is that of brdfcheck render, and may say besides:
+SCENE.toml is a file for brdfcheck render (see its --help). It may also hold these tables:
   [output]
   bits = 8                          # or 16
   transfer = "srgb"                 # or linear
   [matters]
-  pixel = "0.5/255"                 # by default half a step of the output
-  energy = 0.01                     # of the sum of all pixels; by default any
-  silhouette = false                # leave out pixels that one picture only covers
+  pixel = "0.5/255"                 # tolerance of a pixel; by default half a step of the output
+  energy = 0.01                     # tolerance of the sum of all pixels; by default any
+  silhouette = false                # leave out pixels that only one of two pictures covers
   [room]                            # closed cube with the object in its middle
   reflectance = 0.7
   emission = 1.5                    # of its ceiling, at +y
 
-Each rung of each knob is rendered against the full model and its operations are counted, so that
-the choice is the same at every run; it is verified by rendering it, and timed beside the full
-model. Where it misses the tolerance the exit code is 1.""",
+Each model is varied by itself, from the cheapest version to the full one; each version is rendered
+against the full picture and its operations are counted, so that every run chooses the same. The
+choice is verified by rendering it, and timed beside the full model.
+
+\b
+Exit codes:
+  0  the choice is within the tolerance     3  internal error
+  1  no choice is                           4  usage error
+  2  interrupted""",
 )
 def _budget(
-    scene: Annotated[str | None, typer.Argument(metavar="SCENE.toml", help="The scene.", show_default=False)] = None,
+    scene: Annotated[str, typer.Argument(metavar="SCENE.toml", help="The scene; see below.", show_default=False)],
     tolerance: Annotated[
-        str | None,
+        float | None,
         typer.Option(
-            metavar="ERROR", help="Largest error of a pixel in units of full scale, as in 0.5/255. [default: its own]"
+            metavar="ERROR",
+            parser=words.share,
+            help="The largest error of a pixel, as a part of full scale: 0.5/255, say. [default: the scene's own]",
         ),
     ] = None,
     json: Json = None,
-    output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="FILE", help="Chart of error against work: .png, .svg or .pdf.")
+    chart: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            parser=words.file(".png", ".svg", ".pdf"),
+            help="Draw a chart of error against work: .png, .svg or .pdf.",
+        ),
     ] = None,
     images: Annotated[
-        str | None, typer.Option("--images", metavar="FILE", help="Both pictures and their difference: .png.")
+        str | None,
+        typer.Option(
+            "--images",
+            metavar="FILE",
+            parser=words.file(".png"),
+            help="Write both pictures and their difference, side by side: .png.",
+        ),
     ] = None,
     debug: Debug = False,
-) -> Task:
+) -> int:
     """Find out how much of the model a scene needs."""
-    return Task(lambda: _run(scene, tolerance, json, output, images), debug)
-
-
-def _run(scene: str | None, tolerance: str | None, json: str | None, chart: str | None, images: str | None) -> int:
-    if scene is None:
-        raise UsageError("say which scene: a TOML file, as in brdfcheck budget scene.toml")
-    for option, path, suffixes in (("--output", chart, (".png", ".svg", ".pdf")), ("--images", images, (".png",))):
-        if path is not None and Path(path).suffix.lower() not in suffixes:
-            raise UsageError(f"{option}: the file must end in {', '.join(suffixes)}; got {one_line(path)!r}")
-    refuse_outputs({"--json": json, "--output": chart, "--images": images})
-    target = Output(json)
+    words.refuse_same({"--json": json, "--output": chart, "--images": images})
+    output = Output(json)
     start()
     from brdfcheck.budgets.measure import BudgetError, measure
-    from brdfcheck.budgets.scenes import read_scene, tolerance_of
+    from brdfcheck.budgets.scenes import read_scene
 
-    try:
-        wanted = None if tolerance is None else tolerance_of(tolerance, "--tolerance:")
-    except ValueError as error:
-        raise UsageError(one_line(error)) from None
     read = read_scene(scene)
     try:
-        with target.waiting(f"measuring {read.label}: every rung of every knob is rendered"):
+        with output.waiting(f"measuring {read.label}: every rung of every knob is rendered"):
             measured = measure(read)
     except ValueError as error:  # what is right by itself and wrong together, as a camera inside the object
-        raise UsageError(f"{one_line(scene)}: {one_line(error).removeprefix(f'{read.label}: ')}") from None
+        raise UsageError(f"{one_line(scene)}: {one_line(error).removeprefix(f'{read.label}: ')}") from error
     try:
-        with target.waiting(f"rendering the choice for {read.label}"):
-            budget = measured.choose(wanted)
+        with output.waiting(f"rendering the choice for {read.label}"):
+            budget = measured.choose(tolerance)
     except BudgetError as error:
-        target.line(one_line(error))
+        output.line(one_line(error))
         return ExitCode.FAILED
-    _write(budget, target, json, chart, images)
+    _write(budget, output, chart, images)
     return ExitCode.PASSED
 
 
-def _write(budget: Budget, target: Output, json: str | None, chart: str | None, images: str | None) -> None:
+def _write(budget: Budget, output: Output, chart: str | None, images: str | None) -> None:
     from brdfcheck import plots
     from brdfcheck.budgets import report
-    from brdfcheck.output.records import to_json
+    from brdfcheck.output.text import columns
+    from brdfcheck.scene.images import png_bytes
 
     record = report.document(budget)
-    if json is not None:
-        text = to_json(record)
-        target.stdout(text) if json == "-" else save(json, text, "--json")
+    output.write_json(lambda: record)
     header, rows = report.cells(record)
-    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
-    for row in (header, *rows):
-        target.line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    for line in report.sentences(record):
-        target.line(line)
+    for line in (*columns([header, *rows]), *report.sentences(record)):
+        output.line(line)
     if chart is not None:
-        save(chart, plots.to_bytes(report.chart(record), Path(chart).suffix.lower()), "--output")
-        target.line(f"wrote {chart}")
+        output.save(chart, plots.to_bytes(report.chart(record), Path(chart).suffix.lower()), "--output")
+        output.line(f"wrote {chart}")
     if images is not None:
-        from brdfcheck.scene.images import png_bytes
-
-        save(images, png_bytes(report.pictures(budget), 8), "--images")
-        target.line(f"wrote {images}")
+        output.save(images, png_bytes(report.pictures(budget), 8), "--images")
+        output.line(f"wrote {images}")

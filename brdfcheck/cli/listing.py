@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from brdfcheck import __version__
-from brdfcheck.cli.app import Debug, ExitCode, Filter, Json, Task, app, filtered, refuse_outputs
-from brdfcheck.cli.output import Output, save
+from brdfcheck.cli.app import Debug, ExitCode, Filter, Json, command, filtered
+from brdfcheck.cli.output import Output
 
 
-@app.command(
+@command(
     "list",
     epilog="""\b
 Examples:
@@ -15,58 +15,44 @@ Examples:
   brdfcheck list -k half
   brdfcheck list | grep Blinn""",
 )
-def _list(substring: Filter = "", json: Json = None, debug: Debug = False) -> Task:
+def _list(substring: Filter = "", json: Json = None, debug: Debug = False) -> int:
     """The catalogue: names, ranges, formulas, sources."""
-    return Task(lambda: _run_list(substring, json), debug)
-
-
-def _run_list(substring: str, json: str | None) -> int:
-    from brdfcheck.output import records
-
-    refuse_outputs({"--json": json})
     from brdfcheck.brdf import catalog
+    from brdfcheck.output import records
     from brdfcheck.output import text as console
 
     output = Output(json)
     kept = set(filtered(catalog.names(), substring))
-    groups = [
-        [entry for entry in catalog.entries() if entry.name in kept and entry.validated is validated]
-        for validated in (True, False)
-    ]
-    if json:
-        entries = [
-            {
-                "name": entry.name,
-                "validated": entry.validated,
-                "ranges": {name: list(bounds) for name, bounds in entry.family.ranges.items()},
-                "cos_theta": list(entry.family.cos_theta),
-                "formula": entry.formula,
-                "source": entry.source,
-                "claim": entry.claim or None,
-            }
-            for group in groups
-            for entry in group
-        ]
-        text = records.to_json(
-            {
-                "schema": "brdfcheck-catalog",
-                "schema_version": records.SCHEMA_VERSION,
-                "brdfcheck": __version__,
-                "entries": entries,
-            }
-        )
-        if json == "-":
-            output.stdout(text)
-            return ExitCode.PASSED
-        save(json, text, "--json")
+    entries = sorted((entry for entry in catalog.entries() if entry.name in kept), key=lambda entry: not entry.validated)
+    output.write_json(
+        lambda: {
+            "schema": "brdfcheck-catalog",
+            "schema_version": records.SCHEMA_VERSION,
+            "brdfcheck": __version__,
+            "entries": [
+                {
+                    "name": entry.name,
+                    "validated": entry.validated,
+                    "ranges": {name: list(bounds) for name, bounds in entry.family.ranges.items()},
+                    "cos_theta": list(entry.family.cos_theta),
+                    "formula": entry.formula,
+                    "source": entry.source,
+                    "claim": entry.claim or None,
+                }
+                for entry in entries
+            ],
+        }
+    )
+    if json == "-":
+        return ExitCode.PASSED
     if not output.is_terminal:
         width = max(len(name) for name in kept)
-        for entry in (*groups[0], *groups[1]):
+        for entry in entries:
             output.line(console.entry_line(entry, width))
         return ExitCode.PASSED
-    titles = ("Validated: must conserve energy (brdfcheck check)", "Published claims (brdfcheck audit)")
-    for title, group in zip(titles, groups, strict=True):
-        if group:
+    titles = {True: "Validated: must conserve energy (brdfcheck check)", False: "Published claims (brdfcheck audit)"}
+    for validated, title in titles.items():
+        if group := [entry for entry in entries if entry.validated is validated]:
             output.console.print(title, style="bold")
             output.line()
             console.entry_table(output.console, group)

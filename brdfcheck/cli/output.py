@@ -9,23 +9,23 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TextIO
 
 from brdfcheck.interruption import Cleanup
-from brdfcheck.messages import UsageError
+from brdfcheck.messages import UsageError, one_line
 
 
 class Output:
     """Where results go: a table for a person, plain lines for a file or a pipe, JSON alone on stdout for ``--json -``.
 
-    While it is open, whatever a user's code prints goes to stderr.
+    `json`: what ``--json`` says. `alone`: stdout is for something else, so that the lines for a person go to stderr.
     """
 
-    def __init__(self, json: str | None):
-        self._stdout = sys.stdout
-        self.human: TextIO = sys.stderr if json == "-" else sys.stdout
+    def __init__(self, json: str | None = None, *, alone: bool = False):
+        self._stdout, self._json = sys.stdout, json
+        self.human: TextIO = sys.stderr if alone or json == "-" else sys.stdout
         self.is_terminal = self.human.isatty()
         self._console: Any = None
 
@@ -42,9 +42,25 @@ class Output:
         """One line for a person or for grep."""
         self._write(self.human, text + "\n")
 
-    def stdout(self, text: str) -> None:
-        """Text for stdout, whoever reads it."""
-        self._write(self._stdout, text)
+    def save(self, path: str, content: str | bytes, option: str) -> None:
+        """Write a file whole or not at all, or text to stdout for "-".
+
+        UsageError, which names the `option`, where that is not possible.
+        """
+        from brdfcheck.output.records import write_atomically
+
+        if path == "-":
+            self._write(self._stdout, str(content))
+            return
+        with refused(option, path):
+            write_atomically(path, content)
+
+    def write_json(self, record: Callable[[], Mapping[str, Any]]) -> None:
+        """Write what `record` returns where ``--json`` says. UsageError where that is not possible."""
+        from brdfcheck.output.records import to_json
+
+        if self._json is not None:
+            self.save(self._json, to_json(record()), "--json")
 
     @staticmethod
     def _write(stream: TextIO, text: str) -> None:
@@ -62,19 +78,12 @@ class Output:
     @contextlib.contextmanager
     def waiting(self, text: str) -> Iterator[Callable[[str], None]]:
         """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text."""
-        stream = self.terminal()
-        if stream is None:
-            yield lambda text: None
-            return
-        from rich.console import Console
-        from rich.progress import Progress, SpinnerColumn, TextColumn
-
-        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False))
-        console = Console(file=stream)
-        line = Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
-        with left_clean(stream), line:
-            task = line.add_task(text)
-            yield lambda text: line.update(task, description=text)
+        with _moving(self.terminal(), lambda parts: ()) as bar:
+            if bar is None:
+                yield lambda text: None
+                return
+            task = bar.add_task(text)
+            yield lambda text: bar.update(task, description=text)
 
     @contextlib.contextmanager
     def progress(self, count: int, doing: str, every: float = math.inf) -> Iterator[Progress]:
@@ -82,27 +91,15 @@ class Output:
 
         `doing` says what for.
         """
-        stream = self.terminal()
-        if stream is None:
-            yield Progress(lambda: None, _now_and_then(doing, every))
-            return
-        import rich.progress as parts
-        from rich.console import Console
 
-        bar = parts.Progress(
-            parts.SpinnerColumn(),
-            parts.TextColumn(doing),
-            parts.BarColumn(bar_width=32),
-            parts.MofNCompleteColumn(),
-            parts.TimeRemainingColumn(),
-            parts.TextColumn("left"),
-            parts.TextColumn("{task.description}", markup=False),
-            console=Console(file=stream),
-            transient=True,
-            redirect_stdout=False,
-            redirect_stderr=False,
-        )
-        with left_clean(stream), bar:
+        def columns(parts: Any) -> tuple[Any, ...]:
+            left = parts.TimeRemainingColumn(), parts.TextColumn("left")
+            return parts.TextColumn(doing), parts.BarColumn(bar_width=32), parts.MofNCompleteColumn(), *left
+
+        with _moving(self.terminal(), columns) as bar:
+            if bar is None:
+                yield Progress(lambda: None, _now_and_then(doing, every))
+                return
             task = bar.add_task("", total=count)
             yield Progress(lambda: bar.advance(task), lambda text: bar.update(task, description=text))
 
@@ -116,6 +113,22 @@ class Progress:
 
     def __call__(self) -> None:
         self.advance()
+
+
+@contextlib.contextmanager
+def _moving(stream: TextIO | None, columns: Callable[[Any], tuple[Any, ...]]) -> Iterator[Any]:
+    """rich's progress on a terminal, gone afterwards, with these `columns` of rich's module between spinner and text."""
+    if stream is None:
+        yield None
+        return
+    from rich import progress as parts
+    from rich.console import Console
+
+    shown = parts.SpinnerColumn(), *columns(parts), parts.TextColumn("{task.description}", markup=False)
+    console = Console(file=stream)
+    bar = parts.Progress(*shown, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
+    with left_clean(stream), bar:
+        yield bar
 
 
 def _now_and_then(doing: str, every: float) -> Callable[[str], None]:
@@ -138,6 +151,15 @@ def _now_and_then(doing: str, every: float) -> Callable[[str], None]:
 def left_clean(stream: TextIO) -> Cleanup:
     """Where the command is interrupted within it, the line that moves on a terminal is removed and the cursor shown again."""
     return Cleanup(lambda: os.write(stream.fileno(), b"\r\x1b[2K\x1b[?25h"))
+
+
+@contextlib.contextmanager
+def refused(option: str, path: str) -> Iterator[None]:
+    """What the system refuses within it, as a UsageError that names the option and the path."""
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(f"{option}: cannot write {path!r}: {error.strerror or one_line(error)}") from None
 
 
 @contextlib.contextmanager
@@ -190,13 +212,3 @@ def discard(stream: TextIO) -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, number)
         os.close(nowhere)
-
-
-def save(path: str, content: str | bytes, option: str) -> None:
-    """Write a file whole or not at all. UsageError, which names the option, where that is not possible."""
-    from brdfcheck.output.records import write_atomically
-
-    try:
-        write_atomically(path, content)
-    except OSError as error:
-        raise UsageError(f"{option}: cannot write {path!r}: {error.strerror or error}") from None

@@ -7,7 +7,7 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 import typer
@@ -20,69 +20,88 @@ from brdfcheck.interruption import leave
 from brdfcheck.messages import UsageError, one_line
 
 _COMMANDS = (budget, check, fit, listing, plot, render, study, sweep)
+# As one meets them, which is how they are listed.
+_ORDER = ("check", "audit", "fit", "plot", "sweep", "render", "budget", "study", "list")
+app.registered_commands.sort(key=lambda command: _ORDER.index(str(command.name)))
+_STOPPED = 130  # what typer makes of KeyboardInterrupt, if not its Abort
 
 
 def run(arguments: Sequence[str]) -> int:
     """The command with these arguments. Returns the exit code; raises nothing."""
-    with open_streams():
-        return _run(arguments)
-
-
-def _run(arguments: Sequence[str]) -> int:
     debug = os.environ.get("BRDFCHECK_DEBUG", "0") not in ("", "0")
-    try:
-        if not arguments:
-            raise UsageError(f"no command given; the commands are {_commands()} (see brdfcheck --help)")
+    with open_streams():
         try:
-            command = typer.main.get_command(app)
-            task = command.main(list(arguments), prog_name="brdfcheck", standalone_mode=False)
-        except typer.Abort:  # what typer makes of KeyboardInterrupt
-            raise KeyboardInterrupt from None
-        except BrokenPipeError:
-            raise
-        except OSError as error:  # of the words nothing is opened: help and version were being written
-            raise UsageError(f"cannot write to <stdout>: {error.strerror or error}") from None
-        except Exception as error:
-            # What typer raises for words it does not understand; the classes moved between its releases.
-            if not hasattr(error, "format_message"):
-                raise
-            return _usage_error(error)
-        if not isinstance(task, Task):  # --help and --version have said what they have to say
-            return int(task or 0)
-        debug = debug or task.debug
-        return int(task.work())
-    except UsageError as error:
-        return _complain(str(error), ExitCode.USAGE_ERROR)
-    except NothingToCheck as error:
-        return _complain(str(error), ExitCode.NOTHING_TO_CHECK)
-    except KeyboardInterrupt:
-        return _complain("interrupted", ExitCode.INTERRUPTED)
+            task = _read(arguments)
+            if not isinstance(task, Task):  # --help and --version have said what they have to say
+                return task
+            debug = debug or task.debug
+            return int(task.work())
+        except BaseException as error:
+            return _ended(error, debug)
+
+
+def _read(arguments: Sequence[str]) -> Task | int:
+    """What the words ask for, or an exit code where nothing is left to do. UsageError where they make no sense."""
+    if not arguments:
+        *most, last = _ORDER
+        raise UsageError(f"no command given; the commands are {', '.join(most)} and {last} (see brdfcheck --help)")
+    try:
+        task = typer.main.get_command(app).main(list(arguments), prog_name="brdfcheck", standalone_mode=False)
     except BrokenPipeError:
-        return ExitCode.PASSED
-    except SystemExit as error:  # rich and typer leave this way when the reader of their help has gone
-        return error.code if isinstance(error.code, int) else ExitCode.INTERNAL_ERROR
+        raise
+    except OSError as error:  # of the words nothing is opened: help and version were being written
+        raise UsageError(f"cannot write to <stdout>: {error.strerror or error}") from None
     except Exception as error:
-        if debug:
-            with contextlib.suppress(OSError, ValueError):
-                traceback.print_exc()
-        hint = "" if debug else " (--debug shows the traceback)"
-        return _complain(f"internal error: {type(error).__name__}: {one_line(error)}{hint}", ExitCode.INTERNAL_ERROR)
+        # What typer raises for words it does not understand; the classes moved between its releases.
+        if not hasattr(error, "format_message"):
+            raise
+        raise UsageError(_refusal(error, f"brdfcheck {arguments[0]}" if arguments[0] in _ORDER else "brdfcheck")) from error
+    if task == _STOPPED:
+        raise KeyboardInterrupt
+    return task if isinstance(task, Task) else int(task or 0)
 
 
-def _commands() -> str:
-    *most, last = (command.name or "" for command in app.registered_commands)
-    return f"{', '.join(most)} and {last}"
+def _refusal(error: Any, command: str) -> str:
+    """What typer has against a word of a command, with the name of the option, the value, and what is allowed."""
+    text, parameter = error.format_message(), getattr(error, "param", None)
+    if parameter is not None and error.message:
+        name = max(parameter.opts, key=len) if parameter.param_type_name == "option" else parameter.metavar or parameter.name
+        text = error.message.removeprefix("Value error, ")
+        errors = getattr(error.__cause__, "errors", list)()
+        if errors and errors[0]["type"] != "value_error":  # pydantic's words on a number, which do not say what it was given
+            text = f"must be {_allowed(errors[0])}; got {one_line(errors[0]['input']) or 'nothing'}"
+        text = f"{name}: {text}"
+    return f"{one_line(text).rstrip('.')} (see {command} --help)"
 
 
-def _usage_error(error: Any) -> int:
-    context = getattr(error, "ctx", None)
-    path = context.command_path if context is not None else "brdfcheck"
-    text = one_line(error.format_message()).rstrip(".").replace("Value error, ", "")
-    return _complain(f"{text} (see {path} --help)", ExitCode.USAGE_ERROR)
+def _allowed(fault: Mapping[str, Any]) -> str:
+    """What a number must be, from what pydantic has against it."""
+    bounds = fault.get("ctx", {})
+    if "ge" in bounds:
+        return f"at least {bounds['ge']:g}"
+    if "le" in bounds:
+        return f"at most {bounds['le']:g}"
+    return "a whole number" if fault["type"].startswith("int_") else "a number"
 
 
-def _complain(text: str, code: ExitCode) -> int:
+def _ended(error: BaseException, debug: bool) -> int:
+    """The exit code of a command that has ended with this, once it is said in one line."""
+    code, text = ExitCode.INTERNAL_ERROR, f"internal error: {type(error).__name__}: {one_line(error)}"
+    if isinstance(error, UsageError):
+        code, text = ExitCode.USAGE_ERROR, str(error)
+    elif isinstance(error, NothingToCheck):
+        code, text = ExitCode.NOTHING_TO_CHECK, str(error)
+    elif isinstance(error, (KeyboardInterrupt, typer.Abort)):
+        code, text = ExitCode.INTERRUPTED, "interrupted"
+    elif isinstance(error, BrokenPipeError):
+        return ExitCode.PASSED
+    elif isinstance(error, SystemExit):  # rich and typer leave this way when the reader of their help has gone
+        return error.code if isinstance(error.code, int) else code
+    elif not debug:
+        text = f"{text} (--debug shows the traceback)"
     with contextlib.suppress(OSError, ValueError):
+        if debug and code not in (ExitCode.INTERRUPTED, ExitCode.NOTHING_TO_CHECK):
+            traceback.print_exception(error)
         print(f"brdfcheck: {text}", file=sys.stderr, flush=True)
     return code
 

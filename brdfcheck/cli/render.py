@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
 
-from brdfcheck.cli.app import Debug, ExitCode, Task, app, refuse_outputs, start
-from brdfcheck.cli.output import Output
+from brdfcheck.cli import words
+from brdfcheck.cli.app import Debug, ExitCode, asked, command, start
+from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
-_SUFFIXES = (".png", ".exr")
-_MOST = 8192  # samples along a side
+Quality = Literal["draft", "normal", "high"]
 
 
-@app.command(
+@command(
     "render",
     epilog="""\b
 Examples:
@@ -48,8 +47,8 @@ scene.toml:
   quadratic_attenuation = 1
 
 \b
-Only material and lights are needed. The keys are the parameters of the classes in brdfcheck.scene.
-The tables of brdfcheck budget may be there too: a [room] is rendered.
+Only material and lights are needed. The keys are the parameters of the classes in
+brdfcheck.scene. The tables of brdfcheck budget may be there too: a [room] is rendered.
 A colour may be a spectrum: { wavelengths = [400, 700], reflectance = [0.2, 0.8] } in nm.
 A BRDF that is not validated is refused, unless the scene says allow_unvalidated = true.""",
 )
@@ -57,98 +56,95 @@ def _render(
     what: Annotated[
         str | None, typer.Argument(metavar="PRESET|SCENE.toml", help="A preset's name or a scene's file.", show_default=False)
     ] = None,
-    output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="FILE", help="Ends in .png (sRGB) or .exr (linear).")
+    target: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            parser=words.file(".png", ".exr"),
+            help="Where the picture goes: .png (sRGB) or .exr (linear).",
+        ),
     ] = None,
     size: Annotated[
-        str | None,
-        typer.Option(metavar="PIXELS", help="Side of each square of a preset, or HEIGHTxWIDTH of a scene. [default: its own]"),
+        words.Size | None,
+        typer.Option(
+            metavar="PIXELS|HEIGHTxWIDTH",
+            parser=words.size,
+            help="The side of each square of a preset, or the size of a scene. [default: its own]",
+        ),
     ] = None,
-    quality: Annotated[
-        str, typer.Option(metavar="draft|normal|high", help="1, 2 or 4 samples along each side of a pixel.")
-    ] = "normal",
-    bits: Annotated[str, typer.Option(metavar="8|16", help="Bits of a PNG.")] = "8",
-    listing: Annotated[bool, typer.Option("--list", help="List the presets.")] = False,
+    quality: Annotated[Quality, typer.Option(help="1, 2 or 4 samples along each side of a pixel.")] = "normal",
+    bits: Annotated[Literal["8", "16"] | None, typer.Option(help="Bits of each channel of a .png. [default: 8]")] = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the presets, and render nothing.")] = False,
     debug: Debug = False,
-) -> Task:
+) -> int:
     """Render a preset or a scene to a file."""
-    return Task(lambda: _list() if listing else _run(what, output, size, quality, bits), debug)
+    output = Output()
+    if listing and (what is not None or target is not None):
+        raise UsageError("--list renders nothing: leave out what to render and -o, or leave out --list")
+    if listing:
+        from brdfcheck.scene.presets import PRESETS
 
-
-def _list() -> int:
-    from brdfcheck.scene.presets import PRESETS
-
-    output = Output(None)
-    width = max(map(len, PRESETS))
-    for name, preset in PRESETS.items():
-        output.line(f"{name:<{width}}  {preset.side:4d}  {preset.caption}")
-    return ExitCode.PASSED
-
-
-def _run(what: str | None, target: str | None, size: str | None, quality: str, bits: str) -> int:
+        width = max(map(len, PRESETS))
+        for name, preset in PRESETS.items():
+            output.line(f"{name:<{width}}  {preset.side:4d}  {preset.caption}")
+        return ExitCode.PASSED
     if what is None:
         raise UsageError("say what to render: a preset's name (brdfcheck render --list) or a scene's file")
     if target is None:
         raise UsageError("-o: say where the picture goes, as in -o picture.png")
-    if Path(target).suffix.lower() not in _SUFFIXES:
-        raise UsageError(f"--output: the file must end in .png or .exr; got {one_line(target)!r}")
-    if bits not in ("8", "16"):
-        raise UsageError(f"--bits: must be 8 or 16; got {one_line(bits)!r}")
-    refuse_outputs({"--output": target})
-    from brdfcheck.scene.canvas import QUALITIES, averaged
-    from brdfcheck.scene.presets import named, render_preset
+    if bits is not None and not target.lower().endswith(".png"):
+        raise UsageError("--bits goes with a .png; an .exr has 32 bits in each channel")
+    from brdfcheck.scene.canvas import QUALITIES
 
-    if quality not in QUALITIES:
-        raise UsageError(f"--quality: must be one of {', '.join(QUALITIES)}; got {one_line(quality)!r}")
-    is_scene = what.lower().endswith(".toml")
     samples = QUALITIES[quality]
-    pixels = None if size is None else _size(size, _MOST // samples, square=not is_scene)
-    output = Output(None)
+    most = words.MOST_PIXELS // samples
+    if size is not None and max(size) > most:
+        raise UsageError(f"--size: must be at most {most} pixels at --quality {quality}; got {max(size)}")
     start()
     from brdfcheck.scene.images import write_image
 
     began = time.perf_counter()
-    if is_scene:
-        from brdfcheck.budgets.measure import full_model
-        from brdfcheck.budgets.scenes import OWN, parse_scene
-        from brdfcheck.documents import read_document
-        from brdfcheck.scene import files
-
-        document, label = read_document(what)
-        scene = files.parse_scene(document, label, others=OWN)
-        height, width = pixels or scene.size
-        if max(height, width) * samples > _MOST:
-            raise UsageError(f"{one_line(what)}: size must be at most {_MOST // samples} pixels at --quality {quality}")
-        full = (height * samples, width * samples)
-        try:
-            # In a room the light's bounces between its walls come in, which is what a budget's full model has.
-            image = full_model(parse_scene(document, label), full) if "room" in document else scene.render(full)
-            image = averaged(image, samples)
-        except ValueError as error:  # what is right by itself and wrong together, as a camera inside the object
-            raise UsageError(f"{one_line(what)}: {one_line(error)}") from None
+    if what.lower().endswith(".toml"):
+        image = _of_scene(what, size, samples, most, quality)
     else:
-        try:
-            named(what)
-        except KeyError as error:
-            raise UsageError(one_line(error.args[0])) from None
-        text = f"rendering {what}: {{}} pictures done; the first time, programs are compiled for them"
-        with output.waiting(text.format(0)) as show:
-            image = render_preset(what, None if pixels is None else pixels[0], quality, lambda count: show(text.format(count)))
+        image = _of_preset(what, size, quality, output)
     seconds = time.perf_counter() - began
-    try:
-        write_image(target, image, bits=int(bits), metadata={"rendered": what, "quality": quality})
-    except OSError as error:
-        raise UsageError(f"--output: cannot write {target!r}: {error.strerror or one_line(error)}") from None
+    with refused("--output", target):
+        write_image(target, image, bits=int(bits or "8"), metadata={"rendered": what, "quality": quality})
     output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s")
     return ExitCode.PASSED
 
 
-def _size(text: str, most: int, *, square: bool) -> tuple[int, int]:
-    """Height and width from "512" or, for a scene, "384x512"."""
-    parts = text.lower().split("x")
-    if len(parts) in ((1,) if square else (1, 2)) and all(part.isascii() and part.isdigit() for part in parts):
-        height, width = int(parts[0][:9]), int(parts[-1][:9])
-        if min(height, width) >= 1 and max(height, width) <= most:
-            return height, width
-    wanted = "a number of pixels" if square else "a number of pixels or HEIGHTxWIDTH"
-    raise UsageError(f"--size: must be {wanted} from 1 to {most}; got {one_line(text)!r}")
+def _of_scene(path: str, size: words.Size | None, samples: int, most: int, quality: str) -> Any:
+    from brdfcheck.budgets.measure import full_model
+    from brdfcheck.budgets.scenes import OWN, parse_scene
+    from brdfcheck.documents import read_document
+    from brdfcheck.scene import files
+    from brdfcheck.scene.canvas import averaged
+
+    document, label = read_document(path)
+    scene = files.parse_scene(document, label, others=OWN)
+    height, width = size or scene.size
+    if max(height, width) > most:
+        raise UsageError(f"{one_line(path)}: size must be at most {most} pixels at --quality {quality}")
+    full = (height * samples, width * samples)
+    with asked(f"{one_line(path)}: "):  # what is right by itself and wrong together, as a camera inside the object
+        # In a room the light's bounces between its walls come in, which is what a budget's full model has.
+        image = full_model(parse_scene(document, label), full) if "room" in document else scene.render(full)
+        return averaged(image, samples)
+
+
+def _of_preset(name: str, size: words.Size | None, quality: str, output: Output) -> Any:
+    from brdfcheck.scene.presets import named, render_preset
+
+    if size is not None and size.height != size.width:
+        raise UsageError(f"--size: a preset is made of squares; give one number of PIXELS, not {size.height}x{size.width}")
+    try:
+        named(name)
+    except KeyError as error:
+        raise UsageError(one_line(error.args[0])) from None
+    text = f"rendering {name}: {{}} pictures done; the first time, programs are compiled for them"
+    with output.waiting(text.format(0)) as show:
+        return render_preset(name, size and size.height, quality, lambda count: show(text.format(count)))

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from brdfcheck.cli.app import Debug, ExitCode, NothingToCheck, Task, app, start
-from brdfcheck.cli.output import Output
+from brdfcheck.cli.app import Debug, ExitCode, NothingToCheck, command, start
+from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from brdfcheck.studies import Study
 
-_SIZES = ("small", "full")
+Size = Literal["small", "full"]
 
 
-@app.command(
+@command(
     "study",
     epilog="""\b
 Examples:
@@ -33,58 +34,55 @@ Examples:
   brdfcheck study all --size small --out quick
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
-FOLDER/README.md. The full sizes take less than two minutes each on two cores, all of them
-less than a quarter of an hour: each is a process of its own, and those that time nothing on
-all cores run side by side.""",
+FOLDER/README.md. At full size a study takes less than two minutes on two cores, and all of them
+together less than a quarter of an hour: each runs in a process of its own, several side by
+side unless they measure times.""",
 )
 def _study(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="list|all|NAME...", help="Which studies to run.", show_default=False)
+        list[str] | None,
+        typer.Argument(metavar="list|all|NAME", help="'list' shows the studies; 'all' or names run them.", show_default=False),
     ] = None,
-    size: Annotated[
-        str, typer.Option(metavar="small|full", help="How much to compute: small is a matter of seconds.")
-    ] = "full",
+    size: Annotated[Size, typer.Option(help="How much to compute: small takes a few seconds.")] = "full",
     out: Annotated[str, typer.Option("--out", metavar="FOLDER", help="Where the reports go.")] = "reports",
     debug: Debug = False,
-) -> Task:
+) -> int:
     """Run a study: a question, its figure and its numbers."""
-    return Task(lambda: _run_study(tuple(names or ()), size, out, debug), debug)
-
-
-def _run_study(names: Sequence[str], size: str, out: str, debug: bool) -> int:
-    if size not in _SIZES:
-        raise UsageError(f"--size: must be small or full; got {one_line(size)!r}")
+    names = list(dict.fromkeys(names or ()))
     if not names:
         raise UsageError("say which study: a name, all, or list (brdfcheck study list)")
     if len(names) > 1 and {"list", "all"} & set(names):
-        raise UsageError("list and all stand alone: give either one of them or names of studies")
+        raise UsageError("give 'list', 'all', or study names, not a mixture")
     from brdfcheck import studies
 
     known = studies.find()
-    output = Output(None)
-    if names == ("list",):
-        return _list(known, output)
+    output = Output()
     if not known:
         raise NothingToCheck("this installation has no studies; they are in the repository's folder studies/")
-    chosen = list(known.values()) if names == ("all",) else [_named(name, known) for name in dict.fromkeys(names)]
-    reports = Path(out)
-    _refuse_folder(reports, out)
-    if len(chosen) > 1:
-        return _run_several(chosen, size, reports, out, debug, output)
-    start()
-    (study,) = chosen
-    began = time.perf_counter()
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            place = studies.write_report(study, studies.record_of(study, size), reports)
-    except OSError as error:
-        raise _unwritable(out, error) from None
-    _wrote(study.name, time.perf_counter() - began, place, output)
-    _write_gallery(reports, out, output)
-    return ExitCode.PASSED
+    if names == ["list"]:
+        width = max(map(len, known))
+        for study in known.values():
+            output.line(f"{study.name:<{width}}  {study.question}")
+        return ExitCode.PASSED
+    chosen = list(known.values()) if names == ["all"] else [_named(name, known) for name in names]
+    reports, failed = _folder(out), 0
+    if len(chosen) == 1:
+        began = time.perf_counter()
+        start()
+        (study,) = chosen
+        record = studies.record_of(study, size)
+        with refused("--out", str(reports)):
+            place = studies.write_report(study, record, reports)
+        _wrote(study.name, time.perf_counter() - began, place, output)
+    else:
+        failed = _run_several(chosen, size, reports, debug, output)
+    with refused("--out", str(reports)):
+        output.line(f"wrote {studies.write_gallery(reports)}")
+    return ExitCode.FAILED if failed else ExitCode.PASSED
 
 
-def _run_several(chosen: list[Study], size: str, reports: Path, out: str, debug: bool, output: Output) -> int:
+def _run_several(chosen: list[Study], size: str, reports: Path, debug: bool, output: Output) -> int:
+    """Run these, each in a process of its own. Returns how many failed."""
     from brdfcheck import studies
 
     began, failed = time.perf_counter(), 0
@@ -101,8 +99,7 @@ def _run_several(chosen: list[Study], size: str, reports: Path, out: str, debug:
                 _wrote(end.name, end.seconds, reports / end.name, output)
     minutes = (time.perf_counter() - began) / 60
     output.line(f"{len(chosen) - failed} of {len(chosen)} studies in {minutes:.1f} minutes")
-    _write_gallery(reports, out, output)
-    return ExitCode.FAILED if failed else ExitCode.PASSED
+    return failed
 
 
 @contextlib.contextmanager
@@ -124,28 +121,6 @@ def _wrote(name: str, seconds: float, place: Path, output: Output) -> None:
     output.line(f"{name}  {seconds:.1f} s  wrote {place}: {', '.join(studies.FILES)}")
 
 
-def _write_gallery(reports: Path, out: str, output: Output) -> None:
-    from brdfcheck import studies
-
-    try:
-        output.line(f"wrote {studies.write_gallery(reports)}")
-    except OSError as error:
-        raise _unwritable(out, error) from None
-
-
-def _unwritable(out: str, error: OSError) -> UsageError:
-    return UsageError(f"--out: cannot write to {out!r}: {error.strerror or one_line(error)}")
-
-
-def _list(known: dict[str, Study], output: Output) -> int:
-    if not known:
-        raise NothingToCheck("this installation has no studies; they are in the repository's folder studies/")
-    width = max(map(len, known))
-    for study in known.values():
-        output.line(f"{study.name:<{width}}  {study.question}")
-    return ExitCode.PASSED
-
-
 def _named(name: str, known: dict[str, Study]) -> Study:
     if name in known:
         return known[name]
@@ -154,16 +129,15 @@ def _named(name: str, known: dict[str, Study]) -> Study:
     raise UsageError(f"unknown study {one_line(name)!r}; {hint}")
 
 
-def _refuse_folder(reports: Path, out: str) -> None:
-    """UsageError where the folder of reports cannot be made or written to."""
-    import os
-
-    place = reports
-    if not out.strip():
-        raise UsageError("--out: the folder's name is empty")
+def _folder(out: str) -> Path:
+    """The folder of reports. UsageError where it cannot be made or written to."""
+    place = reports = Path(out)
+    if not out.strip() or "\0" in out:
+        raise UsageError(f"--out: must be the name of a folder; got {one_line(out)!r}")
     while not place.exists() and place != place.parent:
         place = place.parent
     if not place.is_dir():
-        raise UsageError(f"--out: {place} is not a folder")
+        raise UsageError(f"--out: {one_line(place)} is not a folder")
     if not os.access(place, os.W_OK):
-        raise UsageError(f"--out: cannot write to {str(place)!r}: the folder is not writable")
+        raise UsageError(f"--out: cannot write to {one_line(place)!r}: the folder is not writable")
+    return reports

@@ -1,55 +1,176 @@
-"""Numbers and ranges of a command line. What is wrong is a `UsageError` in one line: the value, and what is allowed."""
+"""Words of a command line that are more than a number or a choice: what each may be, and in one line what is wrong with it.
+
+Each function is a `parser` of typer: it takes the text and returns the value, or raises `typer.BadParameter`, to which the name
+of the option is added where the command ends. Imports nothing heavy, so that a mistyped word is answered at once.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
 
-from brdfcheck.brdf.subject import Range
+from typer import BadParameter
+
 from brdfcheck.messages import UsageError, one_line
 
+MOST_PIXELS = 8192  # samples along a side of a picture
 
-def parse_number(text: str, what: str) -> float:
-    """A finite number. UsageError, starting with `what`, otherwise."""
+
+class Interval(NamedTuple):
+    """A closed interval."""
+
+    low: float
+    high: float
+
+
+class Setting(NamedTuple):
+    """A parameter of a BRDF, and what it runs over."""
+
+    name: str
+    bounds: Interval
+
+
+class Exponents(NamedTuple):
+    """A range of exponents, or a few of them and the range they span."""
+
+    bounds: Interval
+    values: tuple[float, ...] | None
+
+
+class Size(NamedTuple):
+    """Pixels of a picture."""
+
+    height: int
+    width: int
+
+
+def number(text: str) -> float:
+    """A finite number. BadParameter otherwise."""
     try:
         value = float(text)
     except ValueError:
-        raise UsageError(f"{what}: {text.strip()!r} is not a number") from None
+        raise BadParameter(f"{one_line(text)!r} is not a number") from None
     if not math.isfinite(value):
-        raise UsageError(f"{what}: must be finite; got {text.strip()}")
+        raise BadParameter(f"must be finite; got {one_line(text)}")
     return value
 
 
-def parse_range(text: str, what: str) -> Range:
-    """``LO:HI``, or ``V`` for V:V. UsageError, starting with `what`, otherwise."""
+def written(value: float) -> str:
+    """The number as one would type it, with all of its digits."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
+
+
+def interval(text: str) -> Interval:
+    """``LO:HI``, or ``VALUE`` for VALUE:VALUE. BadParameter otherwise."""
     parts = text.split(":")
     if len(parts) > 2 or not all(part.strip() for part in parts):
-        raise UsageError(f"{what}: must be LO:HI or a single value; got {text!r}")
-    low, high = parse_number(parts[0], what), parse_number(parts[-1], what)
+        raise BadParameter(f"must be LO:HI or a single value; got {one_line(text)!r}")
+    low, high = number(parts[0]), number(parts[-1])
     if low > high:
-        raise UsageError(f"{what}: LO must not exceed HI; got {low:g} > {high:g}")
-    return low, high
+        raise BadParameter(f"LO must not exceed HI; got {low:g} > {high:g}")
+    return Interval(low, high)
 
 
-def parse_over(options: Iterable[str]) -> dict[str, Range]:
-    """The values of ``--over``: NAME=LO:HI or NAME=V each. UsageError for anything else and for a name given twice."""
-    ranges: dict[str, Range] = {}
-    for option in options:
-        name, equals, bounds = option.partition("=")
-        name = name.strip()
-        if not equals or not name.isidentifier():
-            raise UsageError(f"--over {one_line(option)!r}: must be NAME=LO:HI or NAME=VALUE, as in --over n=1:1000")
+def within(least: float, most: float = math.inf) -> Callable[[str], Interval]:
+    """The parser of an `interval` within these bounds."""
+
+    def parse(text: str) -> Interval:
+        bounds = interval(text)
+        if bounds.low < least or bounds.high > most:
+            allowed = f"within {least:g}:{most:g}" if math.isfinite(most) else f"at {least:g} or above"
+            raise BadParameter(f"must lie {allowed}; got {one_line(text)}")
+        return bounds
+
+    return parse
+
+
+def exponent_list(text: str) -> Exponents:
+    """``LO:HI``, or a list as in ``1,10,100``. BadParameter otherwise."""
+    if "," not in text:
+        return Exponents(interval(text), None)
+    values = tuple(dict.fromkeys(map(number, text.split(","))))
+    return Exponents(Interval(min(values), max(values)), values)
+
+
+def setting(text: str) -> Setting:
+    """``NAME=LO:HI`` or ``NAME=VALUE``. BadParameter otherwise."""
+    name, equals, bounds = text.partition("=")
+    if not equals or not name.strip().isidentifier():
+        raise BadParameter(f"must be NAME=LO:HI or NAME=VALUE, as in n=1:1000; got {one_line(text)!r}")
+    try:
+        return Setting(name.strip(), interval(bounds))
+    except BadParameter as error:
+        raise BadParameter(f"{one_line(text)}: {error.message}") from None
+
+
+def together(settings: Iterable[Setting] | None) -> dict[str, Interval]:
+    """The parameters and their ranges. UsageError where one is given twice."""
+    ranges: dict[str, Interval] = {}
+    for name, bounds in settings or ():
         if name in ranges:
-            raise UsageError(f"--over {one_line(option)}: the parameter {name!r} is given twice")
-        ranges[name] = parse_range(bounds, f"--over {one_line(option)}")
+            raise UsageError(f"--over: the parameter {name!r} is given twice")
+        ranges[name] = bounds
     return ranges
 
 
-def parse_cosines(text: str | None) -> Range | None:
-    """The value of ``--cos-theta``: LO:HI within 0:1."""
-    if text is None:
-        return None
-    low, high = parse_range(text, f"--cos-theta {one_line(text)}")
-    if low < 0 or high > 1:
-        raise UsageError(f"--cos-theta {one_line(text)}: must lie within 0:1")
-    return low, high
+def share(text: str) -> float:
+    """A number from 0 to 1, or a fraction as in ``0.5/255``. BadParameter otherwise."""
+    parts = [number(part) for part in text.split("/")]
+    whole = parts[1] if len(parts) == 2 else 1.0
+    if len(parts) > 2 or whole == 0 or not 0 <= parts[0] / whole <= 1:
+        raise BadParameter(f"must be a number from 0 to 1 or a fraction, as in 0.5/255; got {one_line(text)!r}")
+    return parts[0] / whole
+
+
+def size(text: str) -> Size:
+    """A side of a square, as in ``512``, or height and width, as in ``384x512``. BadParameter otherwise."""
+    parts = text.lower().split("x")
+    if len(parts) < 3 and all(part.isascii() and part.isdigit() for part in parts):
+        sides = Size(int(parts[0][:9]), int(parts[-1][:9]))
+        if min(sides) >= 1 and max(sides) <= MOST_PIXELS:
+            return sides
+    raise BadParameter(f"must be PIXELS or HEIGHTxWIDTH, each from 1 to {MOST_PIXELS}; got {one_line(text)!r}")
+
+
+def file(*suffixes: str, stdout: bool = False) -> Callable[[str], str]:
+    """The parser of a file to write, which ends in one of the `suffixes`; `stdout`: it may be "-"."""
+
+    wanted = " or ".join(filter(None, (", ".join(suffixes[:-1]), *suffixes[-1:])))
+
+    def parse(text: str) -> str:
+        if stdout and text == "-":
+            return text
+        if suffixes and Path(text).suffix.lower() not in suffixes:
+            raise BadParameter(f"must end in {wanted}; got {one_line(text)!r}")
+        trouble = trouble_with(text)
+        if trouble:
+            raise BadParameter(trouble)
+        return text
+
+    return parse
+
+
+def trouble_with(path: str) -> str | None:
+    """Why nothing can be written to this file, or None."""
+    from brdfcheck.output.records import refuse_output
+
+    try:
+        trouble = "give the name of a file" if path == "-" else refuse_output(path)
+    except ValueError as error:  # no name of any file
+        trouble = str(error)
+    return f"cannot write {one_line(path)!r}: {one_line(trouble)}" if trouble else None
+
+
+def refuse_same(outputs: Mapping[str, str | None]) -> None:
+    """UsageError where two of the options {option: path} name the same file, or both of them standard output."""
+    seen: dict[str, str] = {}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        first = seen.setdefault(path if path == "-" else os.path.realpath(path), option)
+        if first != option:
+            raise UsageError(f"{first} and {option} cannot both write to {'standard output' if path == '-' else path}")

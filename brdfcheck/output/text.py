@@ -1,11 +1,12 @@
-"""Reports as text: one plain line each where the output goes to a file or a pipe, tables where a person looks on.
+"""Reports and fits as text: plain lines where the output goes to a file or a pipe, tables where a person looks on.
 
 The plain lines hold ASCII only, are never cut, and start with the BRDF's name and its verdict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Container, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from brdfcheck.messages import one_line
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from brdfcheck.brdf.catalog import Entry
+    from brdfcheck.fits.factor import FactorFit
+    from brdfcheck.fits.ladder import Rung
     from brdfcheck.verdict import Report
 
 _STYLES = {"CONSERVES": "green", "VIOLATES": "bold red", "UNDECIDED": "bold yellow"}
@@ -43,8 +46,8 @@ def tolerance_line(tolerance: float) -> str:
     )
 
 
-def plain_line(report: Report, name_width: int = 0) -> str:
-    """One report in one line."""
+def plain_line(report: Report, name_width: int = 0, claim: str | None = None) -> str:
+    """One report in one line, with what was claimed where that is known."""
     parts = [
         f"{report.name:<{name_width}}",
         f"{report.verdict.name:<9}",
@@ -62,6 +65,8 @@ def plain_line(report: Report, name_width: int = 0) -> str:
     parts += [f"{report.evaluations} evaluations", f"{report.seconds:.2f} s", report.engine]
     if report.basis != "none":
         parts.append(basis_text(report))
+    if claim is not None:
+        parts.append(f'claimed "{claim}"')
     return "  ".join(parts)
 
 
@@ -87,16 +92,103 @@ def summary_line(counts: dict[str, int], seconds: float, tolerance: float) -> st
     return f"{', '.join(parts)} in {seconds:.1f} s (tolerance {exact(tolerance)})"
 
 
-def audit_line(report: Report, claim: str, name_width: int = 0) -> str:
-    """One published claim and its measurement in one line."""
-    return f'{plain_line(report, name_width)}  claimed "{claim}"'
-
-
 def entry_line(entry: Entry, name_width: int = 0) -> str:
     """One entry of the catalogue in one line."""
     kind = "validated" if entry.validated else "published"
     text = f"{entry.name:<{name_width}}  {kind}  {ranges_text(entry.family.ranges)}  {entry.formula}  [{entry.source}]"
     return text if entry.validated else f'{text}  claimed "{entry.claim}"'
+
+
+def columns(rows: Sequence[Sequence[str]], right: Container[int] = ()) -> list[str]:
+    """Rows of cells as lines with the columns below each other; `right`: the columns that end below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if i in right else cell.ljust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+# --- fits ---
+
+
+def fit_lines(fit: FactorFit) -> list[str]:
+    """A fit: the factor, constants to copy, the largest and the smallest albedo, the verdict, and what there is to remark."""
+    from brdfcheck.fits.factor import describe
+
+    report = fit.report
+    sampled = "" if fit.objective == "minimax" else f", {fit.sampling} sampling"
+    lines = [
+        f"{fit.name}  factor {describe(fit.factor, 10)}  ({fit.objective}{sampled} over n={exact(fit.n[0])}:{exact(fit.n[1])})",
+        f"  to copy   {_copied(fit)}",
+    ]
+    if fit.objective != "minimax":
+        peak = fit.history[0].peak
+        raised = peak > 1 + report.tolerance
+        said = f"reaches {peak:.10f}: B was enlarged until it conserves" if raised else "conserves already"
+        lines.append(f"  as fitted {describe(fit.fitted, 10)}  {said}")
+    smallest = f"{fit.smallest:.10f}" if fit.smallest >= 1e-4 else f"{fit.smallest:.5g}"
+    lines += [
+        f"  largest   albedo {albedo_text(report)}  at {place_text(report)}",
+        f"  smallest  albedo {smallest}  at n={fit.smallest_n:.6g}, normal incidence",
+        f"  verdict   {report.verdict.name} over all angles (tolerance {exact(report.tolerance)})",
+    ]
+    if fit.remark:
+        lines.append(f"  remark    {fit.remark}")
+    return [*lines, *(f"  {line}" for line in remark_lines([report]))]
+
+
+def _copied(fit: FactorFit) -> str:
+    """Constants with few digits that still conserve: the factor falls with B and rises with A; where B < 0, the reverse."""
+    a, b = float(fit.factor.A), float(fit.factor.B)  # pyright: ignore[reportAttributeAccessIssue]
+    if a > 1e5 * max(fit.n[1], 1):
+        value = (fit.n[0] + a) / b
+        step = 10.0 ** (math.floor(math.log10(value)) - 4)
+        return f"the constant {math.floor(value / step + 1e-9) * step:.5g}  (rounded to the safe side; n makes no difference)"
+    # Of n + A so many digits are kept at the end of the range where it is smallest.
+    least = -a - fit.n[1] if b < 0 else a + fit.n[0]
+    large = _rounded(abs(b), 5, up=True)
+    digits = math.floor(math.log10(abs(a))) - math.floor(math.log10(least)) + 4 if a and least > 0 else 5
+    offset = _rounded(abs(a), digits, up=b > 0 > a)
+    return f"A = {'-' if a < 0 else ''}{offset}, B = {'-' if b < 0 else ''}{large}  (rounded to the safe side)"
+
+
+def _rounded(value: float, digits: int, *, up: bool) -> str:
+    """`value` >= 0 with so many digits after its first, rounded up or down."""
+    if value == 0:
+        return "0"
+    places = digits - math.floor(math.log10(value))
+    # What a constant lies off a round number by rounding must not cost a digit.
+    scaled = value * 10.0**places
+    whole = math.ceil(scaled - 1e-6) if up else math.floor(scaled + 1e-6)
+    text = f"{whole / 10.0**places:.{max(places, 0)}f}"
+    return text if len(text) < 20 else f"{whole / 10.0**places:.{max(digits, 1)}e}"
+
+
+def ladder_lines(rungs: Sequence[Rung]) -> list[str]:
+    """The rungs of a ladder of factors below each other; no line where there are none."""
+    from brdfcheck.fits.factor import describe
+
+    if not rungs:
+        return []
+    rows = [("form", "constants", "operations", "ns", "largest loss", "at n", "verdict", "factor")]
+    for rung in rungs:
+        lossless = rung.lost < 1e-12
+        rows.append(
+            (
+                rung.form,
+                str(rung.constants),
+                str(rung.operations),
+                f"{rung.nanoseconds:.1f}" if rung.nanoseconds >= 0.1 else "<0.1",
+                "none" if lossless else f"{rung.lost:.3g}",
+                "-" if lossless else f"{rung.smallest_n:.5g}",
+                rung.verdict.name,
+                describe(rung.factor),
+            )
+        )
+    return ["  ladder", *(f"    {line}" for line in columns(rows, right=range(1, 6)))]
 
 
 # --- tables ---

@@ -6,7 +6,7 @@ in every process. Figures do not belong to pyplot: nothing global changes, nothi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +41,7 @@ def figure(
     `limits`: (bottom, top) of the albedo axis; by default it holds the curves but ends at 6, and says so.
     ValueError where the curves do not fit into one figure: different parameters, a logarithmic axis through 0, none at all.
     """
-    from brdfcheck.plots import angle, exponent, factor, heatmap
+    from brdfcheck.plots import panels
 
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}; got {kind!r}")
@@ -52,13 +52,14 @@ def figure(
         raise ValueError(f"{wrong[0]} is not a curve of the kind {kind}")
     if scale not in (None, "log", "linear"):
         raise ValueError(f"scale must be log or linear; got {scale!r}")
-    draw: Callable[..., Figure] = {
-        "albedo-vs-n": exponent.figure,
-        "albedo-vs-angle": angle.figure,
-        "heatmap": heatmap.figure,
-        "factor": factor.figure,
+    draw = {
+        "albedo-vs-n": panels.exponent,
+        "albedo-vs-angle": panels.angle,
+        "heatmap": panels.heatmap,
+        "factor": panels.factor,
     }[kind]
-    return draw(curves, scale=scale, limits=limits, title=title)
+    with house_style():
+        return draw(curves, scale, limits, title)
 
 
 def to_bytes(figure: Figure, suffix: str) -> bytes:

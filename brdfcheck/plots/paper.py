@@ -1,4 +1,4 @@
-"""What all figures share: the house style, axes, the line at 1, violating intervals, labels that do not collide."""
+"""What all figures share: the house style, numbers, axes, the line at 1, labels that do not collide."""
 
 from __future__ import annotations
 
@@ -6,24 +6,20 @@ import contextlib
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
 
-from brdfcheck.plots.styles import Style, ink, shade, superscript
+from brdfcheck.plots.styles import Style, ink, superscript
 
-Interval = tuple[float, float]
-
-WIDTH = 7.0  # inches: the text width of a paper
 TOP = 6.0  # an axis of albedos ends here, whatever a lobe reaches
-_ABOVE = 1e-9  # the tolerance of the verdicts
-_ROW = 0.30  # inches a row of the strip of intervals
 _LABEL = 0.155  # inches a direct label
 _MOST_LABELS = 14
 _LONGEST = 42  # characters of a name
@@ -122,8 +118,8 @@ class _WithOne(MaxNLocator):
         return ticks
 
 
-def parameter_axis(axes: Axes, curves: Sequence[Mapping[str, Any]], scale: str | None) -> tuple[str, float, float]:
-    """Set up the parameter axis for these curves: its name, and the ends. ValueError where they do not share one."""
+def parameter_axis(axes: Axes, curves: Sequence[Mapping[str, Any]], scale: str | None) -> str:
+    """Set up the parameter axis for these curves. Returns its name; ValueError where they do not share one."""
     names = {curve["parameter"]: curve["name"] for curve in reversed(curves)}
     if len(names) > 1:
         (one, first), (other, second) = list(names.items())[:2]
@@ -147,8 +143,8 @@ def parameter_axis(axes: Axes, curves: Sequence[Mapping[str, Any]], scale: str |
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _power(value) if long else text_of(value, 6)))
     axes.set_xlim(low, high)
     words = {"n": "exponent n", "m": "slope m", "alpha": "roughness α", "reflectance": "reflectance"}
-    axes.set_xlabel(words.get(str(parameter), str(parameter)))
-    return parameter, low, high
+    axes.set_xlabel(words.get(parameter, str(parameter)))
+    return str(parameter)
 
 
 def cosine_axis(axes: Axes, top: Axes, curves: Sequence[Mapping[str, Any]]) -> None:
@@ -228,7 +224,7 @@ def line_of(axes: Axes, x: np.ndarray, y: np.ndarray, style: Style, index: int, 
         marked["markersize"] *= 1.7
     else:
         # At equal distances along the axis, not along the samples, which are dense where something happens.
-        places = np.array([_along(axes, value) for value in x])
+        places = np.array([along(axes, value) for value in x])
         wanted = (np.arange(4) + (index + 0.5) / max(count, 1)) / 4
         marked["markevery"] = sorted({int(np.argmin(np.abs(places - place))) for place in wanted})
     width = options.pop("linewidth", 1.7 if count < 12 else 1.3)
@@ -243,148 +239,12 @@ def marker_of(style: Style) -> dict[str, Any]:
     return {"marker": style.marker, "markersize": size, "markeredgecolor": "white", "markeredgewidth": 0.5}
 
 
-def _along(axes: Axes, value: float) -> float:
+def along(axes: Axes, value: float) -> float:
     """Where on the x axis, from 0 to 1, without asking for a layout."""
     low, high = axes.get_xlim()
     if axes.get_xscale() == "log":
         low, high, value = math.log(low), math.log(high), math.log(max(value, 1e-300))
     return (value - low) / (high - low)
-
-
-# --- violating intervals ---
-
-
-@dataclass
-class Violation:
-    """A BRDF that exceeds 1 and where; the ends that are ends of the range, not of the violation, are `edges`."""
-
-    name: str  # empty where the figure has one curve
-    style: Style
-    intervals: list[Interval]
-    edges: Interval  # ends of the range
-    largest: str = field(default="")
-
-
-def violations(curves: Sequence[Mapping[str, Any]], look: Sequence[Style], edges: Sequence[Interval]) -> list[Violation]:
-    """The curves that exceed 1, in the order of the curves."""
-    return [
-        Violation(
-            label_of(curve) if len(curves) > 1 else "",
-            style,
-            [(float(low), float(high)) for low, high in curve["above"]],
-            edge,
-            text_of(float(curve["largest"]["albedo"]), 5) if curve.get("largest") else "",
-        )
-        for curve, style, edge in zip(curves, look, edges, strict=True)
-        if curve.get("above")
-    ]
-
-
-def frame(rows: int, height: float = 4.0, width: float = WIDTH) -> tuple[Figure, Axes, Axes | None]:
-    """A figure with its main axes and, above them, a strip with a row for each violating BRDF (None without any)."""
-    strip = _ROW * rows + 0.05
-    figure = Figure(figsize=(width, height + (strip if rows else 0)))
-    if not rows:
-        return figure, figure.add_subplot(), None
-    grid = figure.add_gridspec(2, 1, height_ratios=[strip, height], hspace=0.02)
-    axes = figure.add_subplot(grid[1])
-    return figure, axes, figure.add_subplot(grid[0], sharex=axes)
-
-
-def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], words: str, angles: bool = False) -> None:
-    """Shade where the law is broken, and draw the strip that names the ends. Limits must be set, labels drawn before."""
-    if strip is None:
-        return
-    strip.set_ylim(len(found), 0)
-    strip.set_yticks([])
-    strip.tick_params(axis="x", which="both", length=0, labelbottom=False)
-    for spine in strip.spines.values():
-        spine.set_visible(False)
-    strip.set_facecolor("none")
-    strip.text(-0.012, 0.5, words, transform=strip.transAxes, ha="right", va="center", fontsize=7.5, color="#333333")
-    few = len(found) <= 3
-    rows = [
-        _row(axes, strip, row, violation, few, few and _tinted(violation, found), angles) for row, violation in enumerate(found)
-    ]
-    keep_width(axes)
-    # The texts are as wide as they are: they can be kept inside and apart only once the layout is known.
-    inverted = axes.get_xlim()[0] > axes.get_xlim()[1]
-    for texts in rows:
-        _settle(strip, texts[::-1] if inverted else texts)
-
-
-def _tinted(violation: Violation, found: Sequence[Violation]) -> bool:
-    """Whether a tint says where: not over the whole range, and not where one tint would lie on another."""
-    if violation.intervals == [violation.edges]:
-        return False
-    others = [interval for other in found if other is not violation for interval in other.intervals]
-    return not any(low < last and first < high for low, high in violation.intervals for first, last in others)
-
-
-def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, tinted: bool, angles: bool) -> list[Any]:
-    """The bars of one BRDF, its name on the right, the shading below; returns the texts over the bars."""
-    color = violation.style.color
-    narrow = 0.004 * abs(np.subtract(*axes.get_xlim())) if axes.get_xscale() == "linear" else 0.0
-    texts = []
-    for low, high in violation.intervals:
-        ends = (low - narrow / 2, high + narrow / 2) if high - low < narrow else (low, high)
-        strip.plot(ends, [row + 0.80] * 2, linewidth=3.4, solid_capstyle="butt", color=color, zorder=3)
-        if low == high:
-            strip.plot([low], [row + 0.80], marker="s", markersize=4, color=color, zorder=3)
-        for end in {low, high} - set(violation.edges):
-            strip.plot([end] * 2, [row + 0.62, row + 0.98], color=color, linewidth=1.0, zorder=3)
-            if few:
-                axes.axvline(end, color=color, linewidth=0.7, linestyle=(0, (2, 2)), zorder=1.5)
-        if tinted:
-            axes.axvspan(*ends, color=color, alpha=0.10, linewidth=0, zorder=0.5)
-        text = _ends(low, high, violation.edges, angles)
-        if len(violation.intervals) == 1 and violation.largest:
-            text += f", up to {violation.largest}"
-        texts.append(
-            strip.annotate(
-                text, ((_along(axes, low) + _along(axes, high)) / 2, row + 0.60), xycoords=("axes fraction", "data"),
-                ha="center", va="bottom", fontsize=7.5, color=ink(color), annotation_clip=False,
-            )
-        )  # fmt: skip
-    if violation.name:
-        _name(strip, violation.name, violation.style, 1 - (row + 0.80) / strip.get_ylim()[0])
-    return texts
-
-
-def _ends(low: float, high: float, edges: Interval, angles: bool) -> str:
-    if angles:  # as the axis runs: from normal incidence to grazing, which are ends by nature
-        cosines = text_of(low, 4) if low == high else f"{text_of(high, 4)} … {text_of(low, 4)}"
-        both = [degrees(value) + (" (edge)" if value in edges and value not in (0, 1) else "") for value in (high, low)]
-        return f"{' … '.join(both)}, cos θ = {cosines}"
-    if low == high:
-        return text_of(low)
-    if (low, high) == edges:
-        return f"{text_of(low)} … {text_of(high)} (all)"
-    return " … ".join(text_of(value) + (" (edge)" if value in edges else "") for value in (low, high))
-
-
-def _settle(strip: Axes, texts: list[Any]) -> None:
-    """Move the texts of a row as little as need be to stand inside and apart; where they cannot, one speaks for all."""
-    frame = strip.get_window_extent()
-    widths = [text.get_window_extent().width / frame.width + 0.03 for text in texts]
-    if len(texts) > 1 and sum(widths) > 1:
-        first, *others = texts
-        first.set_text(f"{len(texts)} intervals: {texts[0].get_text()}, …, {texts[-1].get_text()}")
-        for text in others:
-            text.remove()
-        widths, texts = [first.get_window_extent().width / frame.width], [first]
-    least, place = 0.0, []
-    for text, width in zip(texts, widths, strict=True):
-        centre = max(text.xy[0], least + width / 2)
-        place.append(centre)
-        least = centre + width / 2
-    most = 1.0
-    for i in range(len(texts) - 1, -1, -1):
-        place[i] = max(min(place[i], most - widths[i] / 2), widths[i] / 2)
-        most = place[i] - widths[i] / 2
-    for text, centre in zip(texts, place, strict=True):
-        text.xy = (centre, text.xy[1])
-        text.set_position(text.xy)
 
 
 def keep_width(axes: Axes) -> None:
@@ -437,11 +297,11 @@ def direct_labels(axes: Axes, labels: Sequence[Label]) -> None:
     for i, place in zip(order, spread, strict=True):
         label = labels[i]
         _offset_line(axes, [(0, ends[i]), (9, place)], color="#999999", linewidth=0.6)
-        _name(axes, label.text, label.style, place)
+        name_beside(axes, label.text, label.style, place)
     keep_width(axes)
 
 
-def _name(axes: Axes, text: str, style: Style, place: float) -> None:
+def name_beside(axes: Axes, text: str, style: Style, place: float) -> None:
     """A name right of the axes at this fraction of their height, with a sample of its line."""
     _offset_line(axes, [(10, place), (33, place)], color=style.color, linewidth=1.7, dashes=style.dashes)
     _offset_line(axes, [(21.5, place)], color=style.color, **marker_of(style))
@@ -453,9 +313,6 @@ def _name(axes: Axes, text: str, style: Style, place: float) -> None:
 
 def _offset_line(axes: Axes, points: Sequence[tuple[float, float]], **options: Any) -> None:
     """A line through (points of the page right of the axes, height as a fraction of the axes)."""
-    from matplotlib.lines import Line2D
-    from matplotlib.transforms import Affine2D, blended_transform_factory
-
     figure = axes.figure
     assert figure is not None
     right = Affine2D().scale(1 / 72) + figure.dpi_scale_trans + _right_edge(axes)  # pyright: ignore
@@ -469,15 +326,11 @@ def _offset_line(axes: Axes, points: Sequence[tuple[float, float]], **options: A
 
 def _right_edge(axes: Axes) -> Any:
     """A translation by the place of the right edge of the axes, which follows the layout."""
-    from matplotlib.transforms import ScaledTranslation
-
     # (1, 0) of the axes, as display coordinates: ScaledTranslation asks the transform anew whenever it has changed.
     return ScaledTranslation(1, 0, axes.transAxes)  # pyright: ignore[reportArgumentType]
 
 
 def _legend(axes: Axes, labels: Sequence[Label], height: float) -> None:
-    from matplotlib.lines import Line2D
-
     handles = []
     for label in labels:
         line = Line2D([], [], color=label.style.color, label=label.text, linewidth=1.5, **marker_of(label.style))
@@ -512,12 +365,6 @@ def _start(block: Sequence[float], step: float) -> float:
     """Where the first label of a block stands: at the mean of the wishes, each less its place in the block."""
     total, count = block
     return min(max(total / count, 0.0), max(1.0 - (count - 1) * step, 0.0))
-
-
-def faded(color: str, index: int, count: int) -> str:
-    """One colour from light to dark for the members of a family: light for the first, dark for the last."""
-    dark = 0.0 if color == "#000000" else 0.45
-    return color if count < 2 else shade(color, -0.55 + (0.55 + dark) * index / (count - 1))
 
 
 def plain_log(axis: Any) -> None:

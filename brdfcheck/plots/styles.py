@@ -7,8 +7,8 @@ stay apart for every kind of colour vision; markers and dashes tell the curves a
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 Dashes = tuple[float, ...]
 
@@ -120,6 +120,22 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
                 break
         found.setdefault(name, style)
     return found
+
+
+def looks(curves: Sequence[Mapping[str, Any]]) -> list[Style]:
+    """The style of each curve: its BRDF's, from light to dark along the curves where there are several of one BRDF."""
+    names = [curve["name"] for curve in curves]
+    known = styles(names)
+    return [
+        known[name]._replace(color=_faded(known[name].color, names[:index].count(name), names.count(name)))
+        for index, name in enumerate(names)
+    ]
+
+
+def _faded(color: str, index: int, count: int) -> str:
+    """One colour from light to dark for the members of a family: light for the first, dark for the last."""
+    dark = 0.0 if color == "#000000" else 0.45
+    return color if count < 2 else shade(color, -0.55 + (0.55 + dark) * index / (count - 1))
 
 
 def shade(color: str, part: float) -> str:

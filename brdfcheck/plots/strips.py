@@ -1,0 +1,156 @@
+"""The strip above a figure: which BRDFs exceed 1, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from brdfcheck.plots.paper import along, degrees, keep_width, label_of, name_beside, text_of
+from brdfcheck.plots.styles import Style, ink
+
+Interval = tuple[float, float]
+
+_WIDTH = 7.0  # inches: the text width of a paper
+_ROW = 0.30  # inches a row
+
+
+@dataclass
+class Violation:
+    """A BRDF that exceeds 1 and where; the ends that are ends of the range, not of the violation, are `edges`."""
+
+    name: str  # empty where the figure has one curve
+    style: Style
+    intervals: list[Interval]
+    edges: Interval  # ends of the range
+    largest: str
+
+
+def violations(curves: Sequence[Mapping[str, Any]], look: Sequence[Style], edges: Sequence[Interval]) -> list[Violation]:
+    """The curves that exceed 1, in the order of the curves."""
+    return [
+        Violation(
+            label_of(curve) if len(curves) > 1 else "",
+            style,
+            [(float(low), float(high)) for low, high in curve["above"]],
+            edge,
+            text_of(float(curve["largest"]["albedo"]), 5) if curve.get("largest") else "",
+        )
+        for curve, style, edge in zip(curves, look, edges, strict=True)
+        if curve.get("above")
+    ]
+
+
+def frame(found: Sequence[Violation], height: float, below: float = 0.0) -> tuple[Figure, Axes, Axes | None, Axes | None]:
+    """A figure with its main axes, of this `height` in inches; above them a strip with a row for each violating BRDF.
+
+    `below`: the height of axes below them. Returns the figure, the main axes, the strip (None where nothing violates), and the
+    axes below (None without any).
+    """
+    heights = [_ROW * len(found) + 0.05] if found else []
+    heights += [height, below] if below else [height]
+    figure = Figure(figsize=(_WIDTH, sum(heights)))
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights, hspace=0.03 if below else 0.02)
+    axes = figure.add_subplot(grid[1 if found else 0])
+    low = figure.add_subplot(grid[-1], sharex=axes) if below else None
+    return figure, axes, figure.add_subplot(grid[0], sharex=axes) if found else None, low
+
+
+def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], words: str, angles: bool = False) -> None:
+    """Shade where the law is broken, and draw the strip that names the ends. Limits must be set, labels drawn before."""
+    if strip is None:
+        return
+    strip.set_ylim(len(found), 0)
+    strip.set_yticks([])
+    strip.tick_params(axis="x", which="both", length=0, labelbottom=False)
+    for spine in strip.spines.values():
+        spine.set_visible(False)
+    strip.set_facecolor("none")
+    strip.text(-0.012, 0.5, words, transform=strip.transAxes, ha="right", va="center", fontsize=7.5, color="#333333")
+    few = len(found) <= 3
+    rows = [
+        _row(axes, strip, row, violation, few, few and _tinted(violation, found), angles) for row, violation in enumerate(found)
+    ]
+    keep_width(axes)
+    # The texts are as wide as they are: they can be kept inside and apart only once the layout is known.
+    inverted = axes.get_xlim()[0] > axes.get_xlim()[1]
+    for texts in rows:
+        _settle(strip, texts[::-1] if inverted else texts)
+
+
+def _tinted(violation: Violation, found: Sequence[Violation]) -> bool:
+    """Whether a tint says where: not over the whole range, and not where one tint would lie on another."""
+    if violation.intervals == [violation.edges]:
+        return False
+    others = [interval for other in found if other is not violation for interval in other.intervals]
+    return not any(low < last and first < high for low, high in violation.intervals for first, last in others)
+
+
+def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, tinted: bool, angles: bool) -> list[Any]:
+    """The bars of one BRDF, its name on the right, the shading below; returns the texts over the bars."""
+    color = violation.style.color
+    narrow = 0.004 * abs(np.subtract(*axes.get_xlim())) if axes.get_xscale() == "linear" else 0.0
+    texts = []
+    for low, high in violation.intervals:
+        ends = (low - narrow / 2, high + narrow / 2) if high - low < narrow else (low, high)
+        strip.plot(ends, [row + 0.80] * 2, linewidth=3.4, solid_capstyle="butt", color=color, zorder=3)
+        if low == high:
+            strip.plot([low], [row + 0.80], marker="s", markersize=4, color=color, zorder=3)
+        for end in {low, high} - set(violation.edges):
+            strip.plot([end] * 2, [row + 0.62, row + 0.98], color=color, linewidth=1.0, zorder=3)
+            if few:
+                axes.axvline(end, color=color, linewidth=0.7, linestyle=(0, (2, 2)), zorder=1.5)
+        if tinted:
+            axes.axvspan(*ends, color=color, alpha=0.10, linewidth=0, zorder=0.5)
+        text = _ends(low, high, violation.edges, angles)
+        if len(violation.intervals) == 1 and violation.largest:
+            text += f", up to {violation.largest}"
+        texts.append(
+            strip.annotate(
+                text, ((along(axes, low) + along(axes, high)) / 2, row + 0.60), xycoords=("axes fraction", "data"),
+                ha="center", va="bottom", fontsize=7.5, color=ink(color), annotation_clip=False,
+            )
+        )  # fmt: skip
+    if violation.name:
+        name_beside(strip, violation.name, violation.style, 1 - (row + 0.80) / strip.get_ylim()[0])
+    return texts
+
+
+def _ends(low: float, high: float, edges: Interval, angles: bool) -> str:
+    if angles:  # as the axis runs: from normal incidence to grazing, which are ends by nature
+        cosines = text_of(low, 4) if low == high else f"{text_of(high, 4)} … {text_of(low, 4)}"
+        both = [degrees(value) + (" (edge)" if value in edges and value not in (0, 1) else "") for value in (high, low)]
+        return f"{' … '.join(both)}, cos θ = {cosines}"
+    if low == high:
+        return text_of(low)
+    if (low, high) == edges:
+        return f"{text_of(low)} … {text_of(high)} (all)"
+    return " … ".join(text_of(value) + (" (edge)" if value in edges else "") for value in (low, high))
+
+
+def _settle(strip: Axes, texts: list[Any]) -> None:
+    """Move the texts of a row as little as need be to stand inside and apart; where they cannot, one speaks for all."""
+    frame = strip.get_window_extent()
+    widths = [text.get_window_extent().width / frame.width + 0.03 for text in texts]
+    if len(texts) > 1 and sum(widths) > 1:
+        first, *others = texts
+        first.set_text(f"{len(texts)} intervals: {texts[0].get_text()}, …, {texts[-1].get_text()}")
+        for text in others:
+            text.remove()
+        widths, texts = [first.get_window_extent().width / frame.width], [first]
+    least, place = 0.0, []
+    for text, width in zip(texts, widths, strict=True):
+        centre = max(text.xy[0], least + width / 2)
+        place.append(centre)
+        least = centre + width / 2
+    most = 1.0
+    for i in range(len(texts) - 1, -1, -1):
+        place[i] = max(min(place[i], most - widths[i] / 2), widths[i] / 2)
+        most = place[i] - widths[i] / 2
+    for text, centre in zip(texts, place, strict=True):
+        text.xy = (centre, text.xy[1])
+        text.set_position(text.xy)
