@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
@@ -125,18 +126,16 @@ def _of_scene(path: str, size: words.Size | None, samples: int, most: int, quali
     from brdfcheck.scene.canvas import averaged
 
     document, label = read_document(path)
-    scene = files.parse_scene(document, label, others=OWN, folder=Path(what).parent)
+    folder = Path(path).parent
+    scene = files.parse_scene(document, label, others=OWN, folder=folder)
     height, width = size or scene.size
     if max(height, width) > most:
         raise UsageError(f"{one_line(path)}: size must be at most {most} pixels at --quality {quality}")
     full = (height * samples, width * samples)
     with asked(f"{one_line(path)}: "):  # what is right by itself and wrong together, as a camera inside the object
         # In a room the light's bounces between its walls come in, which is what a budget's full model has.
-        image = (
-            full_model(parse_scene(document, label, folder=Path(what).parent), full)
-            if "room" in document
-            else scene.render(full)
-        )
+        in_a_room = "room" in document
+        image = full_model(parse_scene(document, label, folder=folder), full) if in_a_room else scene.render(full)
         return averaged(image, samples)
 
 
