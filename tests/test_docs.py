@@ -1,0 +1,94 @@
+"""README and docs: every command of brdfcheck in them runs, and so does every piece of Python."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+import brdfcheck
+from brdfcheck import cli, studies
+from brdfcheck.cli import ExitCode
+
+ROOT = Path(brdfcheck.__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+# What makes a command short enough for a test, and what is tested where there is a cluster.
+SHORTER = {"render furnace": "--size 24 --quality draft"}
+ELSEWHERE = ("--scheduler",)
+
+
+def files() -> dict[str, str]:
+    """The files that the pages show: `name`: and a fenced block."""
+    found = {}
+    for page in PAGES:
+        for name, text in re.findall(r"^`(\S+)`:\n\n```\w+\n(.*?)^```", page.read_text(), re.M | re.S):
+            assert found.setdefault(name, text) == text, name
+    return found
+
+
+def commands() -> list[str]:
+    lines = [line for page in PAGES for line in page.read_text().splitlines() if line.startswith("    brdfcheck ")]
+    return list(dict.fromkeys(re.split(r"\s{2,}", line.strip())[0].removeprefix("brdfcheck ") for line in lines))
+
+
+def programs() -> list[tuple[str, str]]:
+    """Page and text of each block of Python that is not a file."""
+    shown = set(files().values())
+    return [
+        (page.name, text)
+        for page in PAGES
+        for text in re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S)
+        if text not in shown
+    ]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name, text in files().items():
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    return tmp_path
+
+
+def test_the_pages_show_something() -> None:
+    assert {"mine.py", "config.toml", "scene.toml"} <= set(files())
+    assert len(commands()) > 25
+    assert len(programs()) >= 5
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 180
+
+
+@pytest.mark.parametrize("command", commands())
+def test_a_command_runs(command: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = shlex.split(command)
+    if any(word in words for word in ELSEWHERE):  # tests/test_sweep_cluster.py
+        return
+    if words[0] == "study":  # tests/test_studies.py runs them
+        assert words[1] in ("list", "all", *studies.find()), command
+        return
+    if command == "plot factor fit.json":
+        assert cli.run(["fit", "binomial-power-half", "--json", "fit.json"]) == ExitCode.PASSED
+    for start, more in SHORTER.items():
+        words += shlex.split(more) if command.startswith(start) else []
+    code = cli.run(words)
+    assert code == ExitCode.PASSED, "".join(capsys.readouterr())
+
+
+@pytest.mark.parametrize(("page", "text"), programs())
+def test_python_runs(page: str, text: str, here: Path) -> None:
+    if "open_zarr" in text:
+        config = (here / "config.toml").read_text().replace("400", "4").replace("90]", "3]")
+        (here / "config.toml").write_text(config)
+        assert cli.run(["sweep", "config.toml", "--out", "albedo.zarr"]) == ExitCode.PASSED
+    exec(compile(text, page, "exec"), {"__name__": "page"})
+
+
+def test_links_and_pictures_are_there() -> None:
+    for page in PAGES:
+        prose = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(), flags=re.M | re.S)
+        for target in re.findall(r"\]\(([^)#]+)\)", prose):
+            assert (page.parent / target).exists(), (page.name, target)
