@@ -67,7 +67,8 @@ def _grows(surface: Surface, place: np.ndarray) -> bool:
     value, error = surface.produce(places, _ASKED)
     if not np.all(np.isfinite(value)):
         return True
-    return bool(np.all(value[1:] - error[1:] > _HIGHER * (value[:-1] + error[:-1])))
+    size = np.abs(value)  # on one side of a pole it may be negative
+    return bool(np.all(size[1:] - error[1:] > _HIGHER * (size[:-1] + error[:-1])))
 
 
 def _grazing(surface: Surface, place: np.ndarray) -> bool:
