@@ -181,6 +181,19 @@ class Confirmation:
             radius = float(np.clip(10 * ends.radii[0], 1e-5, 1e-3)) / (10 if stale else 1)
         if held and not limit and np.isfinite(value):
             self._inwards(place, value, error)
+        elif not limit:
+            self._outwards(place)
+
+    def _outwards(self, place: np.ndarray) -> None:
+        """The ends of the ranges that are as near as a climb's rule reaches: towards them it may stop in its own noise."""
+        surface = self.surface
+        ends = np.round(place)
+        near = (np.abs(ends - place) < _REACH) & (ends != place) & ~surface.box.periodic
+        if surface.grazes and ends[surface.angle] == 0:  # grazing light has its limits
+            near[surface.angle] = False
+        if np.any(near):
+            places = np.array([np.where(np.arange(len(place)) == axis, ends, place) for axis in np.flatnonzero(near)])
+            self._add(places, *surface.produce(places, surface.rtol), surface.rtol)
 
     def _inwards(self, place: np.ndarray, value: float, error: float) -> None:
         """Whether the surface rises from the end of the angle inwards, by the rule of a verdict; then it is climbed."""
