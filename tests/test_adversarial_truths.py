@@ -104,7 +104,9 @@ def test_the_albedo_at_the_place_is_the_supremum(case: Case):
         around = values(case, directions(cosine, azimuth), wo)
         assert np.pi * np.mean(around) == pytest.approx(case.truth, abs=np.pi * np.ptp(around) / count)
     elif case.curve is not None:
-        assert case.curve(cosine or 1e-300) == pytest.approx(case.truth, abs=case.accuracy)
+        with np.errstate(all="ignore"):
+            end = float(case.curve(np.float64(cosine)))
+        assert (case.curve(1e-300) if np.isnan(end) else end) == pytest.approx(case.truth, abs=case.accuracy)
         for mu in (0.4, 0.01):
             found = albedo(case.brdf(), mu, azimuth=azimuth)
             assert float(found.value) == pytest.approx(case.curve(mu), abs=case.accuracy + float(found.error))

@@ -33,6 +33,8 @@ _ROUGH = 1e-6
 _BLURRED = 3
 # How near (in the unit cube) a limit is to another one that speaks for it.
 _SAME = 2e-3
+# Gaps up to this may be the noise of a rule.
+_NOISE = 1e-7
 # How far from its end the angle is looked at once more where a place lies there.
 _ARM = 1e-3
 
@@ -234,6 +236,28 @@ class Confirmation:
                 return
             self._tried.append(winners.places[early[0]])
             self._polish(winners.places[early[0]], None, _ARM)
+
+    def level(self) -> None:
+        """On a plateau a climb's gap is the noise of its rule: where the surface is level, there is nothing to climb.
+
+        Level, by the rule of a verdict: it differs by no more than that gap on either side, or falls from the end of a range.
+        """
+        surface, winners = self.surface, self.winners
+        if surface.fast or self.unbounded is not None or self.hard or not np.any(winners.finite):
+            return
+        for index in winners.open()[:_FINEST]:
+            place, value, gap = winners.places[index], winners.values[index], winners.gaps[index]
+            if not (winners.climbed[index] and winners.settled[index]) or winners.limits[index] or gap > _NOISE:
+                continue
+            steps = _ARM * np.concatenate([np.eye(len(place)), -np.eye(len(place))])
+            places = place + steps
+            inside = np.all((places >= 0) & (places <= 1) | surface.box.periodic, axis=1)
+            found, bars = surface.produce(surface.box.kept(places[inside]), surface.rtol)
+            both = np.tile(inside[: len(place)] & inside[len(place) :], 2)[inside]
+            rises = found - value
+            level = np.where(both, np.abs(rises) <= gap, rises <= bars)
+            if np.all(level) and np.all(np.isfinite(found)):
+                winners.gaps[index] = min(gap, max(0.0, float(np.max(rises))) + float(np.max(bars)))
 
     def _was_tried(self, place: np.ndarray) -> bool:
         """True where `finish` has climbed from: a second climb from there would be the first one again."""

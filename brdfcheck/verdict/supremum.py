@@ -144,6 +144,7 @@ class _Search:
         self.confirm.finish()
         self.confirm.tighten()
         self.confirm.finish()  # with more digits the winner may be another one, that was not climbed from
+        self.confirm.level()
         surface.tell(winners.least)
         return self.answer(settled)
 
