@@ -45,12 +45,16 @@ def unclear(case: Case, report: Report) -> bool:
     return report.verdict is Verdict.UNDECIDED and clear and not case.jumps
 
 
-FAST = [case for seed in range(1, 5) for case in adversarial.cases(len(adversarial.kinds()), seed)]
+SEEDS = [
+    pytest.param(case, id=case.name, marks=[pytest.mark.slow] if seed > 1 else [])
+    for seed in range(1, 5)
+    for case in adversarial.cases(len(adversarial.kinds()), seed)
+]
 # Draws in which a fault was seen once: seed and number.
 FOUND = [(31, 129), (31, 134), (31, 135), (31, 164), (31, 181), (31, 250), (31, 271)]
 
 
-@pytest.mark.parametrize("case", FAST, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", SEEDS)
 def test_no_false_verdict(case: Case) -> None:
     report = checked(case)
     assert fault(case, report) is None, report

@@ -703,6 +703,7 @@ THREE_LIGHTS = """
 """
 
 
+@pytest.mark.slow
 def test_a_budget_of_many_combinations_traces_each_part_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once over 200 s without a word, where an icosphere of level 4 made 2,340 combinations of the 936 here."""
     scene, drawn = tmp_path / "scene.toml", []

@@ -65,6 +65,7 @@ def test_grazing_limit_is_finite_and_continuous():
         assert albedo(lobe, 0.0).value == pytest.approx(float(albedo(lobe, 1e-7).value), abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lobe",
     [
@@ -102,6 +103,7 @@ def test_float32_is_honest():
         assert np.max(error) <= 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lobe",
     [

@@ -22,6 +22,7 @@ LONG = {"furnace", "furnace-validated", "gouraud-phong", "lobes", "lights"}
 LONG |= {"silhouette-bleed", "mach-bands", "sheets", "polygon-light"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in presets.PRESETS])
 def test_every_preset_renders_and_gives_the_same_bytes(name):
     first = presets.render_preset(name, 17, "draft")

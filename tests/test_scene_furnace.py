@@ -14,6 +14,7 @@ EXPONENTS = (0.01, 1.0, 100.0, 1e4, 1e5)
 NAMES = [entry.name for entry in catalog.entries() if "n" in entry.family.ranges]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_lobes_about_an_axis_keep_four_digits_in_float32(name):
     family = catalog.entry(name).family

@@ -66,6 +66,7 @@ def test_reverse_mode_in_float32_is_finite(name):
     assert np.all(np.asarray(slopes[2]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drawings", [("sphere",), ("mesh", "trace")])
 @pytest.mark.parametrize(
     "name", [name if name in ("cook-torrance", "phong") else pytest.param(name, marks=pytest.mark.slow) for name in KINDS]

@@ -134,6 +134,7 @@ QUICK = ("lambert", "blinn-phong", "binomial-power-mirror", "ggx")
 VALIDATED = [entry.name for entry in catalog.entries() if entry.validated]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n not in QUICK)) for n in VALIDATED])
 def test_furnace_pixels_are_the_albedo_at_their_angle(name):
     ranges = catalog.entry(name).family.ranges

@@ -39,6 +39,7 @@ def test_facets_reflect_everything_at_the_horizon():
     assert np.all(REFERENCES["beckmann-smith"].albedo[:, -1] < 0.97)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("lobe", stability.LOBES)
 def test_the_production_rule_holds_everywhere(lobe, dtype):
@@ -53,6 +54,7 @@ def test_the_production_rule_holds_everywhere(lobe, dtype):
     assert not np.any(np.isnan(result.value))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lobe", stability.LOBES)
 def test_eager_is_jitted(lobe):
     reference = REFERENCES[lobe]
@@ -67,6 +69,7 @@ SLOPES = {"float64": 1e-9, "float32": 1e-4}
 FACET_SLOPES = {"float64": 1e-4, "float32": 2e-3}  # in float32 that of m = 0.001 at 90 degrees is one a little before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("lobe", stability.LOBES)
 def test_derivatives_are_finite_and_right(lobe, dtype):

@@ -187,6 +187,7 @@ def test_energy_after_bounces_is_that_of_the_angular_operator(beam):
 LOBES = [name for name in catalog.names() if catalog.entry(name).validated and len(catalog.entry(name).family.ranges) == 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sampling", "name"), [*(("lobe", name) for name in LOBES), ("cosine", "phong"), ("cosine", "ggx")])
 def test_paths_reflect_every_lobe_of_the_catalogue_as_its_angular_operator(name, sampling):
     ((low, high),) = catalog.entry(name).family.ranges.values()
