@@ -191,7 +191,7 @@ class _View:
 
     def work(self, combination: Combination) -> float:
         """The work of its program; inf where rungs that go by themselves do not go together."""
-        choice, dearest = self.choice(combination), {knob.name: knob.rungs[-1] for knob in self.knobs}
+        choice, dearest = self.choice(combination), _dearest(self.knobs)
 
         def part(name: str) -> Any:
             turned = {knob: choice[knob] for knob in _DEPENDS[name] if knob in choice}
@@ -270,15 +270,22 @@ def full_model(scene: Scene, size: tuple[int, int] | None = None) -> Image:
     if size is not None:
         scene = replace(scene, picture=replace(scene.picture, size=size))
     with double_precision():
-        scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
-        return Compiler(scene).program(plan_of(scene, {knob.name: knob.rungs[-1] for knob in knobs_of(scene)})).image()
+        return _full(scene, Compiler(scene), knobs_of(scene)).image()
+
+
+def _full(scene: Scene, compiler: Compiler, knobs: tuple[Knob, ...]) -> Program:
+    """Every knob at its dearest rung. ValueError where lights, materials and camera do not go together."""
+    scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
+    return compiler.program(plan_of(scene, _dearest(knobs)))
+
+
+def _dearest(knobs: tuple[Knob, ...]) -> dict[str, str]:
+    return {knob.name: knob.rungs[-1] for knob in knobs}
 
 
 def _measure(scene: Scene) -> Measured:
-    scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
     knobs, compiler = knobs_of(scene), Compiler(scene)
-    dearest = {knob.name: knob.rungs[-1] for knob in knobs}
-    base = compiler.program(plan_of(scene, dearest))
+    dearest, base = _dearest(knobs), _full(scene, compiler, knobs)
     reference = base.image()
     if not np.all(np.isfinite(reference)):
         raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")

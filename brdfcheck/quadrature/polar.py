@@ -121,7 +121,7 @@ def grazing_safe(cos_theta: Float[Array, ""]) -> tuple[Array, Array]:
     return mu, safe_root((1 - mu) * (1 + mu))
 
 
-def half_elevation(mu: Array, sine: Array) -> Array:
+def _half_elevation(mu: Array, sine: Array) -> Array:
     """tan(d/2) of the elevation d; at normal incidence 1 with the derivative 0, as for the sine."""
     tilted = sine > 0
     return jnp.where(tilted, mu / (1 + jnp.where(tilted, sine, 1)), 1)
@@ -137,7 +137,7 @@ def polar_nodes(
     array compiles and runs faster than two. The second result has shape (nodes,): the rule each node belongs to.
     """
     mu, sine = grazing_safe(cos_theta)
-    half_d = half_elevation(mu, sine)
+    half_d = _half_elevation(mu, sine)
     quarter_d = half_d / (1 + jnp.sqrt(1 + half_d * half_d))
     versine_d = mu * half_d
     v = jnp.concatenate([jnp.zeros_like(breaks[:1]), jnp.minimum(breaks, 1)])
