@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import brdfcheck
+from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Phong
@@ -307,6 +308,23 @@ def test_what_the_answer_rests_on():
     assert set(beside.width) == {"n", "angle", "cell"}
 
 
+_FEW = ("blinn-phong-8", "kuijk-blake-mirror", "binomial-power-unclamped")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in _FEW else pytest.mark.slow) for n in catalog.names()])
+def test_the_theorem_says_what_the_full_search_finds(name: str, monkeypatch: pytest.MonkeyPatch):
+    family = catalog.entry(name).family
+    short = supremum(PointwiseAlbedo(family), intervals=False)
+    if not PointwiseAlbedo(family).monotone:
+        assert short.basis == "search"
+        return
+    monkeypatch.setattr(PointwiseAlbedo, "monotone", False)
+    full = supremum(PointwiseAlbedo(family), intervals=False)
+    assert (short.basis, full.basis) == ("theorem", "search")
+    assert abs(short.value - full.value) <= short.error + full.error
+    assert short.points < full.points or not family.ranges
+
+
 def test_the_search_tells_how_far_it_is():
     told: list[tuple[int, float]] = []
     albedo = Planted(lambda p, mu, _: 0.9 - (p[:, 0] - 0.3) ** 2 - (mu - 0.6) ** 2, {"a": (0.0, 1.0)})
@@ -484,6 +502,24 @@ def test_an_interval_narrower_than_the_grid():
     half_width = 0.3 * np.sqrt(0.001)
     assert found.above is not None
     np.testing.assert_allclose(found.above, [(77.7 * np.exp(-half_width), 77.7 * np.exp(half_width))], rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_interval_of_a_spot_that_the_quick_rules_do_not_see():
+    axis, height = np.array([np.sin(0.8), 0.0, np.cos(0.8)]), 1 - np.cos(0.01)
+    share = 2 * np.pi * (height / 3 - height**2 / 12) * axis[2]
+
+    def spot(p):
+        def brdf(wi, wo):
+            cap = jnp.maximum(1 - jnp.sum((wo - axis) ** 2, -1) / 2 / height, 0) ** 2
+            return 0.7 / jnp.pi + 0.6 * jnp.maximum(1 - ((p - 0.37) / 0.07) ** 2, 0) * cap / share + 0 * wi[..., 2]
+
+        return brdf
+
+    found = supremum(PointwiseAlbedo(Family("spot", spot, {"p": (0.0, 1.0)})))
+    assert found.above is not None
+    half = 0.07 * np.sqrt(0.5)
+    np.testing.assert_allclose(found.above, [(0.37 - half, 0.37 + half)], atol=1e-5)
 
 
 def test_a_flat_surface():

@@ -196,7 +196,7 @@ class Confirmation:
     def _crest(self, place: np.ndarray, radius: float) -> float:
         """How much higher a kink at a place may go where it runs across the axes, by the rule of a verdict.
 
-        Where the surface falls on both sides along every axis, no direction d rises from it faster than the sum over the axes of
+        Where the surface falls on both sides along every axis, no direction d rises from it faster than the sum over axes of
         |d_i| times the jump of the slope there (for the least of smooth functions, by their superadditive derivatives); and a
         direction is no longer than the cube. Second differences at two steps tell that jump from curvature.
         """
@@ -213,7 +213,7 @@ class Confirmation:
         value, error = surface.produce(asked, surface.rtol)
         beside, bars = (part[1:].reshape(2, 2, -1).sum(axis=1) for part in (value, error))
         jump, noise = (2 * value[0] - beside) / steps[:, None], (2 * error[0] + bars) / steps[:, None]
-        # Curvature adds to the second as much again for each step that it is longer; what the kink is off is left as much again.
+        # Curvature adds in proportion to the step. Twice, because the kink may be off the place by a part of the shorter one.
         sharp = (np.maximum(4 * jump[1] - jump[0], 0) + 4 * noise[1] + noise[0]) / 3
         bound = 2 * float(np.sum(sharp))
         return bound if np.isfinite(bound) else np.inf

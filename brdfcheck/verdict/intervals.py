@@ -11,8 +11,8 @@ from brdfcheck.verdict.box import Box
 _ANGLES = 17
 _TURNS = 8
 _SWEEPS = 4
-# How near to its end by the quick rules an interval ends, and how accurately that is said where the albedo there, known to the
-# third of these, is off by the last.
+# In which steps an end is looked for from where the quick rules see it, and how accurately it is said where the albedo there,
+# known to the third of these, is off by the last.
 _NEAR, _WIDTH, _RTOL, _OFF = 0.01, 1e-6, 1e-7, 1e-5
 
 
@@ -29,35 +29,57 @@ def intervals_above(albedo: PointwiseAlbedo, box: Box, peak: np.ndarray, thresho
         steps = np.where(inside.all(axis=1), 7, np.argmin(inside, axis=1))
         width = (high - low) / 8
         low, high = low + steps * width, low + (steps + 1) * width
-    edges = list(_accurate(albedo, box, (low + high) / 2, peak, threshold))
-    if exceeds[0]:
-        edges.insert(0, 0.0)
-    if exceeds[-1]:
-        edges.append(1.0)
+    outwards = np.where(exceeds[crossings], 1, -1)
+    found = _accurate(albedo, box, (low + high) / 2, outwards, peak, threshold)
+    edges = _joined(np.concatenate([np.zeros(int(exceeds[0])), found, np.ones(int(exceeds[-1]))]))
     places = np.tile(peak, (len(edges), 1))
     places[:, 0] = edges
     values = box.physical(places)[0][:, list(box.ranges).index(box.swept[0])]
     return tuple((float(a), float(b)) for a, b in zip(values[::2], values[1::2], strict=True))
 
 
-def _accurate(albedo: PointwiseAlbedo, box: Box, edges: np.ndarray, peak: np.ndarray, threshold: float) -> np.ndarray:
+def _joined(edges: np.ndarray) -> list[float]:
+    """The ends of intervals (low, high, low, high, ...) with those that overlap made one."""
+    joined: list[float] = []
+    for low, high in sorted(zip(edges[::2], edges[1::2], strict=True)):
+        if joined and low <= joined[-1]:
+            joined[-1] = max(joined[-1], high)
+        else:
+            joined += [low, max(low, high)]
+    return joined
+
+
+def _accurate(
+    albedo: PointwiseAlbedo, box: Box, edges: np.ndarray, outwards: np.ndarray, peak: np.ndarray, threshold: float
+) -> np.ndarray:
     """The ends by albedos with error bars, at the angles that are the worst there, where the quick rules were off.
 
-    These are off by what a jump of the BRDF makes of them.
+    These are off by what a jump of the BRDF makes of them, and blind to spots between their nodes: an end is looked for from
+    where they see one, in steps that double, as far as the range goes. `outwards`: on which side of each the interval is not.
     """
     if albedo.fast or not edges.size:
         return edges
     angles = _ridge(albedo, box, edges, peak)[1]
     found = edges.copy()
-    for index, (edge, angle) in enumerate(zip(edges, angles, strict=True)):
+    for index, (edge, angle, outward) in enumerate(zip(edges, angles, outwards, strict=True)):
+        worst = np.unique([angle, peak[1:]], axis=0)
 
-        def excess(unit: float, angle: np.ndarray = angle) -> float:
-            parameters, mu, azimuth = box.physical(np.append(unit, angle)[None])
-            return float(albedo(parameters, np.maximum(mu, GRAZING), azimuth, rtol=_RTOL)[0][0]) - threshold
+        def excess(unit: float, worst: np.ndarray = worst) -> float:
+            parameters, mu, azimuth = box.physical(np.insert(worst, 0, unit, axis=1))
+            return float(np.max(albedo(parameters, np.maximum(mu, GRAZING), azimuth, rtol=_RTOL)[0])) - threshold
 
-        low, high = max(edge - _NEAR, 0.0), min(edge + _NEAR, 1.0)
-        if abs(excess(edge)) > _OFF and excess(low) * excess(high) < 0:
-            found[index] = brentq(excess, low, high, xtol=_WIDTH)
+        here = excess(edge)
+        if abs(here) <= _OFF:
+            continue
+        way = outward if here > 0 else -outward
+        before, beyond, there, step = edge, edge, here, _NEAR
+        while here * there > 0 and 0 < beyond < 1:
+            before, beyond, step = beyond, min(max(beyond + way * step, 0.0), 1.0), 2 * step
+            there = excess(beyond)
+        if here * there < 0:
+            found[index] = brentq(excess, before, beyond, xtol=_WIDTH)
+        elif here > 0:  # to the end of the range
+            found[index] = beyond
     return found
 
 
