@@ -12,7 +12,7 @@ A lobe says where it lives (its width, its support, the angles at which its form
 from __future__ import annotations
 
 import abc
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -60,6 +60,26 @@ class AbstractBRDF(eqx.Module):
     @abc.abstractmethod
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The value of the BRDF in 1/sr; 0 where a direction lies below the surface."""
+
+    # What wraps another BRDF (a factor) answers for itself: nobody takes it apart.
+
+    @property
+    def core(self) -> AbstractBRDF:
+        """The lobe that is integrated: this BRDF, or what is inside where a factor is around it."""
+        return self
+
+    def gain(self, cos_theta: Any) -> Any:
+        """What the albedo of the core is multiplied by at cosines of incidence, in numpy or JAX as these are."""
+        return 1.0
+
+    def with_core(self, core: AbstractBRDF) -> AbstractBRDF:
+        """This BRDF with another lobe inside."""
+        return core
+
+    @property
+    def monotone(self) -> bool:
+        """True where no incidence reflects more than the normal one, by theorem."""
+        return False
 
 
 class AbstractZonalLobe(AbstractBRDF):

@@ -158,6 +158,20 @@ class Normalized(AbstractBRDF):
         """The factor at the lobe's own exponent."""
         return self.factor(self.lobe.n)  # pyright: ignore[reportAttributeAccessIssue]
 
+    @property
+    def core(self) -> AbstractBRDF:
+        return self.lobe.core
+
+    def gain(self, cos_theta: Any) -> Any:
+        return self.scale() * self.lobe.gain(cos_theta)
+
+    def with_core(self, core: AbstractBRDF) -> AbstractBRDF:
+        return eqx.tree_at(lambda tree: tree.lobe, self, self.lobe.with_core(core))
+
+    @property
+    def monotone(self) -> bool:
+        return self.lobe.monotone
+
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         return self.scale() * self.lobe(wi, wo)
 
@@ -171,6 +185,16 @@ class PerCosine(AbstractBRDF):
 
     base: AbstractBRDF
 
+    @property
+    def core(self) -> AbstractBRDF:
+        return self.base.core
+
+    def gain(self, cos_theta: Any) -> Any:
+        return self.base.gain(cos_theta) / cos_theta
+
+    def with_core(self, core: AbstractBRDF) -> AbstractBRDF:
+        return eqx.tree_at(lambda tree: tree.base, self, self.base.with_core(core))
+
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         wi = jnp.asarray(wi)
         value = self.base(wi, wo)
@@ -183,25 +207,17 @@ def peel(brdf: Any) -> tuple[Any, Callable[[Any], Any]]:
 
     Also for a batch of BRDFs whose leaves are numpy arrays: then the cosines are an array of the same shape.
     """
-    if isinstance(brdf, Normalized):
-        core, inner = peel(brdf.lobe)
-        return core, lambda mu: brdf.scale() * inner(mu)
-    if isinstance(brdf, PerCosine):
-        core, inner = peel(brdf.base)
-        return core, lambda mu: inner(mu) / mu
-    return brdf, lambda mu: 1.0
+    return (brdf.core, brdf.gain) if isinstance(brdf, AbstractBRDF) else (brdf, lambda mu: 1.0)
 
 
 def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
     """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
-    if not isinstance(brdf, AbstractBRDF):
-        return False
-    return isinstance(peel(brdf)[0], (AbstractZonalLobe, AbstractMicrofacetLobe))
+    return isinstance(brdf, AbstractBRDF) and isinstance(brdf.core, (AbstractZonalLobe, AbstractMicrofacetLobe))
 
 
 def refuse_batched(brdf: Any) -> None:
     """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
-    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
+    core = brdf.core if isinstance(brdf, AbstractBRDF) else brdf
     factor = getattr(brdf, "factor", None)
     numbers = [getattr(core, "n", None), getattr(core, "alpha", None), getattr(factor, "A", None), getattr(factor, "B", None)]
     shapes = [number.shape for number in numbers if number is not None and getattr(number, "ndim", 0)]
@@ -214,11 +230,7 @@ def refuse_batched(brdf: Any) -> None:
 
 def varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., AbstractBRDF]:
     """One BRDF as a family: its parameters `names` replaced. ValueError where it has no such number."""
-
-    def owner(brdf: Any) -> Any:
-        return owner(brdf.lobe) if isinstance(brdf, Normalized) else owner(brdf.base) if isinstance(brdf, PerCosine) else brdf
-
-    core = owner(brdf)
+    core = brdf.core
     for name in names:
         if not isinstance(getattr(core, name, None), jax.Array):
             known = [field for field in core.__dataclass_fields__ if isinstance(getattr(core, field), jax.Array)]
@@ -233,6 +245,6 @@ def varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., Abstract
                 if name == "f0" and value > 1:
                     raise ValueError(f"f0 must be >= 0 and <= 1; got {value:g}")
         replaced = [jnp.asarray(values[name]) for name in names]
-        return eqx.tree_at(lambda tree: [getattr(owner(tree), name) for name in names], brdf, replaced)
+        return brdf.with_core(eqx.tree_at(lambda tree: [getattr(tree, name) for name in names], core, replaced))
 
     return build

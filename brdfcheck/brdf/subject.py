@@ -98,23 +98,14 @@ def _whole_fields(family: Family) -> list[str]:
     import jax
 
     from brdfcheck.brdf.base import AbstractBRDF
-    from brdfcheck.brdf.factors import peel
 
     shapes = {name: jax.ShapeDtypeStruct((), "float32") for name in family.ranges}
     try:
-        core = peel(eqx.filter_eval_shape(family.build, **shapes))[0]
+        built = eqx.filter_eval_shape(family.build, **shapes)
     except Exception:  # the factory needs numbers, not tracers
         return []
-    fields = dataclasses.fields(core) if isinstance(core, AbstractBRDF) else ()
-    return [part.name for part in fields if type(getattr(core, part.name)) is int]
-
-
-def _with_fields(brdf: Any, fields: Mapping[str, int]) -> Any:
-    """The BRDF with other whole numbers in the lobe inside its wrappers."""
-    for wrapped in ("lobe", "base"):
-        if hasattr(brdf, wrapped):
-            return dataclasses.replace(brdf, **{wrapped: _with_fields(getattr(brdf, wrapped), fields)})
-    return dataclasses.replace(brdf, **fields)
+    fields = dataclasses.fields(built.core) if isinstance(built, AbstractBRDF) else ()
+    return [part.name for part in fields if type(getattr(built.core, part.name)) is int]
 
 
 def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
@@ -288,7 +279,8 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
     held = {key: int(low) for key, (low, high) in others.items() if key in whole and low == high == int(low)}
 
     def build(**parameters: Any) -> Any:
-        return _with_fields(family.build(**parameters), held)
+        brdf = family.build(**parameters)
+        return brdf.with_core(dataclasses.replace(brdf.core, **held))
 
     angles = family.cos_theta if cos_theta is None else cos_theta
     target = Target(Family(name, build if held else family.build, {**family.ranges, **known}, angles, held))

@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, Form
 from brdfcheck.brdf.callables import Evaluator, constant
-from brdfcheck.brdf.factors import has_engine, peel, refuse_batched
+from brdfcheck.brdf.factors import has_engine, refuse_batched
 from brdfcheck.quadrature.functions import Albedo, adaptive_albedo
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.zonal import Zonal, weighted, zonal_weights
@@ -41,15 +41,14 @@ def batched(function: Callable, arguments: Any, size: int, batch: int) -> Any:
 @eqx.filter_jit
 def _shared_lobe(brdf: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tuple[Array, Array, int]:
     """One BRDF, cosines of any shape."""
-    core, scale = peel(brdf)
-    engine = engine_of(core).at(rtol)
+    engine = engine_of(brdf).at(rtol)
     flat = cos_theta.reshape(-1)
     count = 0
 
     def cell(mu: Array) -> tuple[Array, Array]:
         nonlocal count
-        found = engine.integrate(core, mu)
-        count, factor = found.evaluations, scale(mu)
+        found = engine.integrate(brdf.core, mu)
+        count, factor = found.evaluations, brdf.gain(mu)
         return found.value * factor, found.error * jnp.abs(factor)
 
     value, error = batched(cell, flat, flat.size, engine.batch)

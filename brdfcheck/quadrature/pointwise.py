@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side
-from brdfcheck.brdf.factors import has_engine, peel
+from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family, corners
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
@@ -141,8 +141,7 @@ class PointwiseAlbedo:
     @property
     def monotone(self) -> bool:
         """True for lobes that are largest at normal incidence, by theorem."""
-        template = self._template
-        return template is not None and bool(getattr(peel(template)[0], "monotone", False)) and not _per_cosine(template)
+        return self._template is not None and self._template.monotone
 
     def brdfs(self, parameters: np.ndarray) -> Any:
         """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
@@ -181,7 +180,6 @@ class PointwiseAlbedo:
         return worst_channel(value, error)[:2]
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
-        core = peel(self._template)[0]
         chunk = self.engine.chunk
         padding = (0, -len(cos_theta) % chunk)
         mu = np.pad(cos_theta, padding, mode="edge")
@@ -190,12 +188,12 @@ class PointwiseAlbedo:
         for start in range(0, len(mu), chunk):
             rows = slice(start, start + chunk)
             part = jax.tree.map(lambda leaf, rows=rows: leaf[rows], brdfs)
-            value, error, count = paired_lobes(peel(part)[0], mu[rows], rtol)
+            value, error, count = paired_lobes(part.core, mu[rows], rtol)
             self.evaluations += min(chunk, len(cos_theta) - start) * count
-            if core is not self._template:
+            if part.core is not part:
                 with np.errstate(all="ignore"):
                     # In numpy, not in a program: there would be one for each lobe and factor.
-                    scale = np.asarray(peel(part)[1](mu[rows]))
+                    scale = np.asarray(part.gain(mu[rows]))
                     scale = scale.reshape(scale.shape + (1,) * (value.ndim - 1))
                     value, error = value * scale, error * np.abs(scale)
             values.append(value)
@@ -356,11 +354,6 @@ def worst_channel(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.
     worst = np.argmax(np.where(np.isnan(value), np.inf, value), axis=-1)
     pick = worst[:, None]
     return np.take_along_axis(value, pick, -1)[:, 0], np.take_along_axis(error, pick, -1)[:, 0], worst
-
-
-def _per_cosine(brdf: Any) -> bool:
-    inner = getattr(brdf, "base", None)
-    return inner is not None or (hasattr(brdf, "lobe") and _per_cosine(brdf.lobe))
 
 
 def _in_blocks(wo: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

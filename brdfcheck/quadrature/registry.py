@@ -5,13 +5,11 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import Any
 
-from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.factors import peel
 from brdfcheck.quadrature.closed_form import ClosedForm
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.half_vector import HalfVector
 from brdfcheck.quadrature.product import GaussProduct, MidpointProduct
-from brdfcheck.quadrature.rule import AbstractEngine, RuleKind
+from brdfcheck.quadrature.rule import AbstractEngine, RuleKind, core_of
 from brdfcheck.quadrature.sampling import CosineMonteCarlo, LobeMonteCarlo, R2Lattice, Sobol, UniformMonteCarlo
 from brdfcheck.quadrature.warped import LobeWarpedGauss, TanhSinh
 from brdfcheck.quadrature.zonal import Zonal
@@ -44,5 +42,4 @@ ENGINES: tuple[type[AbstractEngine], ...] = (Zonal, HalfVector, Adaptive)
 
 def engine_of(brdf: Any) -> type[AbstractEngine]:
     """The engine of a BRDF: of a lobe, with or without factors around it, or of a function f(wi, wo)."""
-    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
-    return next(engine for engine in ENGINES if engine().applies(core, None))  # pyright: ignore[reportCallIssue]
+    return next(engine for engine in ENGINES if engine().applies(core_of(brdf), None))  # pyright: ignore[reportCallIssue]

@@ -21,7 +21,6 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.factors import peel
 from brdfcheck.geometry import safe_root
 
 # Directions evaluated together; bounds the memory of fine settings.
@@ -115,8 +114,7 @@ class AbstractRule(eqx.Module):
         """True where the rule applies to this BRDF (at this cosine, if given; else at every one)."""
         if not callable(brdf):
             return False
-        core, _ = peel(brdf)
-        return self.applies(core, cos_theta)
+        return self.applies(core_of(brdf), cos_theta)
 
     def __call__(self, brdf: Callable[..., Any], cos_theta: Any, *, key: Any = None) -> Estimate:
         brdf, mu = _of_one_type(brdf, cos_theta)
@@ -129,7 +127,7 @@ class AbstractRule(eqx.Module):
             raise ValueError(f"{self.name} draws at random: give it key=jax.random.key(seed)")
         if key is not None:
             key = _checked_key(key)
-        core, scale = peel(brdf)
+        core, scale = core_of(brdf), brdf.gain if isinstance(brdf, AbstractBRDF) else lambda mu: 1.0
         if not mu.ndim:
             return self._estimate(core, scale, mu, key)
         flat = mu.ravel()
@@ -331,8 +329,13 @@ def bar(fine: Any, coarse: Any, more: Any = 0.0, *, caution: float = 1, xp: Any 
     return xp.where(xp.isfinite(error), error, xp.inf)
 
 
+def core_of(brdf: Any) -> Any:
+    """What is integrated of a BRDF: the lobe inside its factors, or the function as it is."""
+    return brdf.core if isinstance(brdf, AbstractBRDF) else brdf
+
+
 def _called(brdf: Any) -> str:
-    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
+    core = core_of(brdf)
     form = f" in the {core.form} form" if hasattr(core, "form") else ""
     return getattr(core, "__name__", type(core).__name__) + form
 

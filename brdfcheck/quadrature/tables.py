@@ -30,7 +30,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe
-from brdfcheck.brdf.factors import has_engine, peel
+from brdfcheck.brdf.factors import has_engine
 from brdfcheck.cores import available_cores
 from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature.albedo import Albedo
@@ -132,17 +132,16 @@ def _shared_nodes(
     brdf_of_n: Callable[[Array], Any], plan: _Plan, n: Array, blocks: tuple[int, ...], mu: Array
 ) -> tuple[Array, Array]:
     wrapped = brdf_of_n(n[0])
-    core, _ = peel(wrapped)
 
     def core_of_n(value: Array) -> Any:
-        return peel(brdf_of_n(value))[0]
+        return brdf_of_n(value).core
 
     values, errors = [], []
     for start, end in zip((0, *blocks), (*blocks, n.size), strict=True):
         part = n[start:end]
         value, relative = _block(core_of_n, plan, part, mu)
-        if core is not wrapped:  # the factors around the lobe
-            value = value * jax.vmap(lambda value: peel(brdf_of_n(value))[1](mu) * jnp.ones_like(mu))(part)
+        if wrapped.core is not wrapped:  # the factors around the lobe
+            value = value * jax.vmap(lambda value: brdf_of_n(value).gain(mu) * jnp.ones_like(mu))(part)
         amplitude = jax.vmap(lambda value: core_of_n(value).amplitude())(part)
         if amplitude.ndim > 1:
             value, relative = value[..., None] * amplitude[:, None, :], relative[..., None]
@@ -162,11 +161,10 @@ def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float |
 
     def cell(index: Array) -> tuple[Array, Array]:
         nonlocal count
-        core, scale = peel(brdf_of_n(n[index // mu.size]))
-        cosine = mu[index % mu.size]
-        found = engine.integrate(core, cosine)
-        count = found.evaluations
-        return found.value * scale(cosine), found.error * jnp.abs(scale(cosine))
+        brdf, cosine = brdf_of_n(n[index // mu.size]), mu[index % mu.size]
+        found = engine.integrate(brdf.core, cosine)
+        count, gain = found.evaluations, brdf.gain(cosine)
+        return found.value * gain, found.error * jnp.abs(gain)
 
     size = n.size * mu.size
     value, error = directional.batched(cell, jnp.arange(size), size, engine.batch)
@@ -277,8 +275,7 @@ def albedo_table(
         count = np.sum([row.evaluations for row in rows])
         value, error = (np.stack([np.asarray(getattr(row, part)) for row in rows]) for part in ("value", "error"))
         return Albedo(value, error, count, rows[0].engine)  # pyright: ignore[reportArgumentType]
-    core = peel(shape)[0]
-    plan = _plan(core)
+    plan = _plan(shape.core)
     order = np.argsort(exponents, kind="stable")
     rising = exponents[order].astype(mu.dtype)
     alone = len(rising) if plan is None else int(np.searchsorted(rising, 1.0))
