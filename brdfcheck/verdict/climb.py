@@ -130,6 +130,7 @@ def climb(
         state.errors[which] = np.where(improved, errors[rows, pick], state.errors[which])
         scale = np.maximum(np.abs(state.values[which]), 1)
         # What a kink would still hide: there the curvature grows as the stencil shrinks.
+        unknown = np.any(np.isnan(curvature[which]), axis=1)
         bend = np.where(np.isnan(curvature[which]) | model.pressed, 0, np.abs(model.second - curvature[which]))
         curvature[which] = model.second
         state.mixed[which] = model.hessian
@@ -152,7 +153,8 @@ def climb(
         grown[which] += small_stencil
         quiet[which] = np.where((state.gaps[which] <= reached) & ~small_stencil, quiet[which] + 1, 0)
         state.gaps[which] = np.where(flat, np.minimum(state.gaps[which], model.spread), state.gaps[which])
-        state.settled[which] = flat | (quiet[which] >= calm)
+        # One stencil alone cannot tell a kink from a smooth crest.
+        state.settled[which] = flat | ((quiet[which] >= calm) & (~unknown | (model.spread <= reached)))
         shrunk = np.where(improved, np.clip(1.5 * moved, radius / 6, 3 * radius), radius / 5)
         state.radii[which] = np.minimum(np.where(small_stencil, 5 * radius, shrunk), min(0.25, reach))
         small = state.radii[which] < smallest
