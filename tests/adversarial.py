@@ -554,10 +554,12 @@ def _narrow_parameter(random: Generator, xp: Any) -> Case:
 
 @_kind("two narrow parameters")
 def _two_narrow_parameters(random: Generator, xp: Any) -> Case:
+    """Above 1 on a part of two ranges, a twentieth of one of them: less of both is what a report says that it could miss."""
     spike, spans, carrier = _spike(random), (_range(random), _range(random)), _carrier(random, xp)
     units = [_uniform(random, 0.05, 0.95) for _ in spans]
     widths = [span.share(_one_of(random, 0.1, 0.01)) / (2 * spike.reach) for span in spans]
     mild = random.random() < 0.5
+    widths[1] = max(widths[1], 0.05 / (2 * spike.reach))
 
     def surface(p: Any, q: Any) -> Any:
         first, second = ((span.unit(v, xp) - unit) for span, unit, v in zip(spans, units, (p, q), strict=True))

@@ -35,6 +35,8 @@ _BLURRED = 3
 _SAME = 2e-3
 # Gaps up to this may be the noise of a rule.
 _NOISE = 1e-7
+# How far from the winner lines reach.
+_RADII = (1.0, 0.25, 0.06, 0.015)
 # How near to a kink the surface is looked at, and how far away at most.
 _STEP, _FAR = 6e-5, 0.05
 # How far from its end the angle is looked at once more where a place lies there.
@@ -268,6 +270,25 @@ class Confirmation:
                 return
             self._tried.append(winners.places[early[0]])
             self._polish(winners.places[early[0]], None, _ARM)
+
+    def lines(self) -> None:
+        """Where jumps make the quick rules, and climbs by them, blind: lines through the winner by the rule of a verdict.
+
+        One along each axis, first as long as the box and then ever shorter about the highest place.
+        """
+        surface, winners = self.surface, self.winners
+        if not self.hard or self.unbounded is not None or not np.any(winners.finite) or not surface.box.dimension:
+            return
+        place, best = winners.places[winners.top], -np.inf
+        for radius in _RADII:
+            self.check()
+            arms = radius * np.linspace(-1, 1, 9)[:, None, None] * np.eye(len(place))
+            places = np.unique(surface.snapped(surface.box.kept((place + arms).reshape(-1, len(place)))), axis=0)
+            value, _ = surface.produce(places, RUNGS[0])
+            top = int(np.argmax(np.where(np.isfinite(value), value, -np.inf)))
+            if value[top] > best:
+                place, best = places[top], value[top]
+        self.places(place[None])
 
     def level(self) -> None:
         """On a plateau a climb's gap is the noise of its rule: where the surface is level, there is nothing to climb.

@@ -141,6 +141,7 @@ class _Search:
             if settled or self.confirm.unbounded is not None:
                 break
         self.rest()
+        self.confirm.lines()
         self.confirm.finish()
         self.confirm.tighten()
         self.confirm.finish()  # with more digits the winner may be another one, that was not climbed from
