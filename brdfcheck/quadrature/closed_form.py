@@ -96,8 +96,6 @@ class ClosedForm(AbstractRule):
     family: ClassVar[str] = "closed-form"
     ladder: ClassVar[tuple[Any, ...]] = (64,)
     needs: ClassVar[str] = "a lobe and an incidence with a closed form (Phong: any; other lobes: cos_theta = 1)"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
 
     def __init__(self, roundings: int = 64):
         self.roundings = int(roundings)

@@ -25,8 +25,7 @@ from brdfcheck.quadrature.rule import (
     ROUNDING,
     AbstractEngine,
     Raw,
-    checked_rtol,
-    checked_tolerance,
+    checked_accuracy,
 )
 
 # Directions given to a compiled program at a time: few sizes, so that few programs are compiled.
@@ -62,8 +61,6 @@ class Adaptive(AbstractEngine):
     name: ClassVar[str] = "adaptive"
     family: ClassVar[str] = "adaptive"
     ladder: ClassVar[tuple[Any, ...]] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
     best: ClassVar[float] = 1e-8
     effort: ClassVar[int] = 2
@@ -71,14 +68,11 @@ class Adaptive(AbstractEngine):
     chunk: ClassVar[int] = 1
 
     def __init__(self, tolerance: float = 1e-8):
-        self.tolerance = checked_tolerance(tolerance)
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def at(cls, rtol: float | None) -> Self:
-        return cls(cls.best if rtol is None else checked_rtol(rtol))
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
+        return cls(cls.best if rtol is None else checked_accuracy(rtol))
 
     def integrate(self, core: Any, mu: Float[Array, ""], key: Any = None) -> Raw:
         tolerance = max(self.tolerance, ROUNDING * float(jnp.finfo(mu.dtype).eps))

@@ -47,8 +47,6 @@ class HalfVector(AbstractDigits):
     family: ClassVar[str] = "half-vector"
     ladder: ClassVar[tuple[Any, ...]] = (1, 2, 3, 4, 5, 6, 8, 9)
     needs: ClassVar[str] = "a microfacet lobe"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
     best: ClassVar[float] = 2.5e-10
     effort: ClassVar[int] = 1
     batch: ClassVar[int] = 1  # one incidence fills the cache; measured three times faster than sixteen at once

@@ -44,16 +44,10 @@ class MidpointProduct(AbstractLightRule):
     name: ClassVar[str] = "midpoint-product"
     family: ClassVar[str] = "product"
     ladder: ClassVar[tuple[Any, ...]] = (4, 8, 16, 32, 64, 128, 256, 512)
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
     symmetric: ClassVar[bool] = True
 
     def __init__(self, order: int = 64):
         self.order = checked_count(order, "order")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         angle = np.pi / 2 * (np.arange(self.order) + 0.5) / self.order
@@ -69,16 +63,10 @@ class GaussProduct(AbstractLightRule):
     name: ClassVar[str] = "gauss-product"
     family: ClassVar[str] = "product"
     ladder: ClassVar[tuple[Any, ...]] = (4, 8, 16, 32, 64, 128, 256, 512)
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
     symmetric: ClassVar[bool] = True
 
     def __init__(self, order: int = 32):
         self.order = checked_count(order, "order")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         z, weight = gauss(self.order)

@@ -11,7 +11,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import equinox as eqx
 import jax
@@ -88,13 +88,13 @@ class AbstractRule(eqx.Module):
     # Settings from cheap to accurate.
     ladder: eqx.AbstractClassVar[tuple[Any, ...]]
     # What the BRDF must offer, for messages.
-    needs: eqx.AbstractClassVar[str]
-    random: eqx.AbstractClassVar[bool]
-    on_host: eqx.AbstractClassVar[bool]
+    needs: ClassVar[str] = "a function f(wi, wo)"
+    random: ClassVar[bool] = False
+    on_host: ClassVar[bool] = False
 
-    @abc.abstractmethod
     def applies(self, core: Any, cos_theta: Any) -> bool:
         """True where the rule can integrate `core`, a BRDF without wrappers; cos_theta is None for "at any"."""
+        return True
 
     @abc.abstractmethod
     def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
@@ -177,11 +177,11 @@ class AbstractEngine(AbstractRule):
         """The albedo of a BRDF without wrappers at one cosine."""
 
 
-def checked_rtol(rtol: Any) -> float:
-    """`rtol` as a float; ValueError where it is not between 0 and 1."""
-    if isinstance(rtol, bool) or not isinstance(rtol, (int, float, np.floating)) or not 0 < rtol < 1:
-        raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
-    return float(rtol)
+def checked_accuracy(value: Any, name: str = "rtol") -> float:
+    """`value` as a float; ValueError where it is not between 0 and 1."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0 < value < 1:
+        raise ValueError(f"{name} must be a number between 0 and 1; got {value!r}")
+    return float(value)
 
 
 class AbstractDigits(AbstractEngine):
@@ -194,7 +194,7 @@ class AbstractDigits(AbstractEngine):
 
     @classmethod
     def at(cls, rtol: float | None) -> Self:
-        return cls(-math.log10(cls.best if rtol is None else checked_rtol(rtol)))  # pyright: ignore[reportCallIssue]
+        return cls(-math.log10(cls.best if rtol is None else checked_accuracy(rtol)))  # pyright: ignore[reportCallIssue]
 
     def within(self, dtype: Any) -> float:
         """The digits to aim at in a precision."""
@@ -220,7 +220,7 @@ class AbstractLightRule(AbstractRule):
     """
 
     # True where for every node there is another one at the azimuth + 180 degrees.
-    symmetric: eqx.AbstractClassVar[bool]
+    symmetric: ClassVar[bool] = False
 
     @abc.abstractmethod
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
@@ -271,13 +271,6 @@ def checked_count(value: Any, name: str, lowest: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < lowest:
         raise ValueError(f"{name} must be a whole number >= {lowest}; got {value!r}")
     return int(value)
-
-
-def checked_tolerance(value: Any) -> float:
-    """`value` as a float; ValueError where it is not between 0 and 1."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0 < value < 1:
-        raise ValueError(f"tolerance must be a number between 0 and 1; got {value!r}")
-    return float(value)
 
 
 def light(mu: Float[Array, ""], side: Array | float = 1.0) -> Float[Array, " 3"]:

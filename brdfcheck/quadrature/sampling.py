@@ -78,16 +78,10 @@ class UniformMonteCarlo(AbstractLightRule):
     name: ClassVar[str] = "uniform-monte-carlo"
     family: ClassVar[str] = "montecarlo"
     ladder: ClassVar[tuple[Any, ...]] = _SAMPLES
-    needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = True
-    on_host: ClassVar[bool] = False
-    symmetric: ClassVar[bool] = False
 
     def __init__(self, samples: int = 2**14):
         self.samples = checked_count(samples, "samples")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         def terms(key: Any, count: int) -> Array:
@@ -106,16 +100,10 @@ class CosineMonteCarlo(AbstractLightRule):
     name: ClassVar[str] = "cosine-monte-carlo"
     family: ClassVar[str] = "montecarlo"
     ladder: ClassVar[tuple[Any, ...]] = _SAMPLES
-    needs: ClassVar[str] = "a function f(wi, wo)"
     random: ClassVar[bool] = True
-    on_host: ClassVar[bool] = False
-    symmetric: ClassVar[bool] = False
 
     def __init__(self, samples: int = 2**14):
         self.samples = checked_count(samples, "samples")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         def terms(key: Any, count: int) -> Array:
@@ -142,8 +130,6 @@ class LobeMonteCarlo(AbstractLightRule):
     ladder: ClassVar[tuple[Any, ...]] = _SAMPLES
     needs: ClassVar[str] = "a lobe about an axis or a microfacet lobe"
     random: ClassVar[bool] = True
-    on_host: ClassVar[bool] = False
-    symmetric: ClassVar[bool] = False
 
     def __init__(self, samples: int = 2**14):
         self.samples = checked_count(samples, "samples", 16)
@@ -226,18 +212,11 @@ class Sobol(AbstractLightRule):
     name: ClassVar[str] = "sobol"
     family: ClassVar[str] = "quasi-montecarlo"
     ladder: ClassVar[tuple[Any, ...]] = _SAMPLES
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
-    symmetric: ClassVar[bool] = False
 
     def __init__(self, points: int = 2**14):
         self.points = checked_count(points, "points", 16)
         if self.points & (self.points - 1):
             raise ValueError(f"points must be a power of 2; got {points}")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         return _quasi(core, wi, key, _sobol, self.points)
@@ -254,18 +233,11 @@ class R2Lattice(AbstractLightRule):
     name: ClassVar[str] = "r2-lattice"
     family: ClassVar[str] = "quasi-montecarlo"
     ladder: ClassVar[tuple[Any, ...]] = _SAMPLES
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
-    symmetric: ClassVar[bool] = False
 
     def __init__(self, points: int = 2**14):
         self.points = checked_count(points, "points", 16)
         if self.points % _SHIFTS:
             raise ValueError(f"points must be a multiple of {_SHIFTS}; got {points}")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         return _quasi(core, wi, key, _r2, self.points)

@@ -49,8 +49,6 @@ class LobeWarpedGauss(AbstractLightRule):
     family: ClassVar[str] = "warped"
     ladder: ClassVar[tuple[Any, ...]] = (4, 8, 16, 32, 64, 128, 256, 512)
     needs: ClassVar[str] = "a lobe about an axis or a microfacet lobe"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
     symmetric: ClassVar[bool] = True
 
     def __init__(self, order: int = 64):
@@ -104,18 +102,12 @@ class TanhSinh(AbstractLightRule):
     name: ClassVar[str] = "tanh-sinh"
     family: ClassVar[str] = "warped"
     ladder: ClassVar[tuple[Any, ...]] = (1, 2, 3, 4, 5, 6)
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
     symmetric: ClassVar[bool] = True
 
     def __init__(self, level: int = 4):
         self.level = checked_count(level, "level")
         if self.level > 10:
             raise ValueError(f"level must be at most 10; got {level}")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         mu = wi[2]

@@ -39,8 +39,6 @@ class Zonal(AbstractDigits):
     family: ClassVar[str] = "zonal"
     ladder: ClassVar[tuple[Any, ...]] = (1, 2, 3, 4, 6, 8, 10, 12)
     needs: ClassVar[str] = "a lobe about an axis"
-    random: ClassVar[bool] = False
-    on_host: ClassVar[bool] = False
     best: ClassVar[float] = 1e-12
     effort: ClassVar[int] = 0
     batch: ClassVar[int] = 256

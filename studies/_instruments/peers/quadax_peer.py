@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from _instruments.peers.peer import TOLERANCES, AbstractPeer, load, not_installed
-from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, checked_tolerance, light, on_sphere
+from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, checked_accuracy, light, on_sphere
 
 # Regions that the cubature may cut the square into.
 _REGIONS = 2000
@@ -69,19 +69,15 @@ class QuadaxNested(AbstractPeer):
     package: ClassVar[str] = "quadax"
     ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a scalar function f(wi, wo) that JAX can trace"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
     compiles: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_tolerance(tolerance)
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:
         return not_installed("quadax")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         before = _COUNTER.count
@@ -102,21 +98,17 @@ class QuadaxCubature(AbstractPeer):
     package: ClassVar[str] = "quadax"
     ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a function f(wi, wo) that JAX can trace"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
     compiles: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_tolerance(tolerance)
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:
         return not_installed("quadax") or (
             None if hasattr(load("quadax"), "cubegm") else "quadax.cubegm needs a newer quadax: pip install -U quadax"
         )
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         with jax.numpy_dtype_promotion("standard"):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from _instruments.peers.peer import TOLERANCES, AbstractPeer, BudgetSpent, Integrand, load
-from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, checked_tolerance
+from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, checked_accuracy
 
 
 @final
@@ -27,18 +27,14 @@ class ScipyQuad(AbstractPeer):
     package: ClassVar[str] = "scipy"
     ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_tolerance(tolerance)
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:
         return None
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         quad = load("scipy.integrate").quad
@@ -62,18 +58,14 @@ class ScipyDblquad(AbstractPeer):
     package: ClassVar[str] = "scipy"
     ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_tolerance(tolerance)
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:
         return None
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         dblquad = load("scipy.integrate").dblquad
@@ -105,19 +97,14 @@ class ScipyCubature(AbstractPeer):
     family: ClassVar[str] = "peers"
     package: ClassVar[str] = "scipy"
     ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
-    needs: ClassVar[str] = "a function f(wi, wo)"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
 
     def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_tolerance(tolerance)
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:
         return None if hasattr(load("scipy.integrate"), "cubature") else "scipy.integrate.cubature needs SciPy 1.15 or newer"
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         cubature = load("scipy.integrate").cubature

@@ -24,7 +24,6 @@ class TorchquadGauss(AbstractPeer):
     package: ClassVar[str] = "torchquad"
     ladder: ClassVar[tuple[Any, ...]] = (8, 16, 32, 64, 128, 256, 512)
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
-    random: ClassVar[bool] = False
     on_host: ClassVar[bool] = True
 
     def __init__(self, order: int = 64):
@@ -33,9 +32,6 @@ class TorchquadGauss(AbstractPeer):
     @classmethod
     def missing(cls) -> str | None:
         return not_installed("torchquad")
-
-    def applies(self, core: Any, cos_theta: Any) -> bool:
-        return True
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         integrand = Integrand(core, mu)
