@@ -17,6 +17,7 @@ from problems import (
     slope_at_normal,
     zonal_tables,
 )
+from selection import few
 
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.numerics import gauss
@@ -39,7 +40,7 @@ def test_accuracy_and_honest_error_bar(name):
     assert np.max(np.asarray(result.error) / table.albedo) <= tight
 
 
-@pytest.mark.parametrize("name", LOBES)
+@pytest.mark.parametrize("name", few(LOBES, ("phong", "kb_half", "binomial16_unclamped")))
 def test_looser_requests_are_honest_and_cheaper(name):
     table = TABLES[name]
     lobe = LOBES[name](table.n)
@@ -53,7 +54,7 @@ def test_looser_requests_are_honest_and_cheaper(name):
     assert costs[0] < costs[1] < costs[2]
 
 
-@pytest.mark.parametrize("name", [name for name in LOBES if "unclamped" not in name])
+@pytest.mark.parametrize("name", few([name for name in LOBES if "unclamped" not in name], ("phong", "kb_half", "lyon2")))
 def test_float32(name):
     table = TABLES[name]
     keep = (table.n <= 1e5) & (table.cos_theta >= 1e-3)
@@ -164,40 +165,45 @@ SLOPES = {  # at normal incidence, by ball arithmetic
 }
 
 
-@pytest.mark.parametrize("name", SLOPES)
+def value(mu, lobe):
+    return albedo(lobe, mu).value
+
+
+# The lobe is an argument: those of one class are one program.
+BACKWARDS, FORWARDS = jax.jit(jax.grad(value)), jax.jit(jax.jacfwd(value))
+
+
+# Of the half form `test_rules` has one every time.
+@pytest.mark.parametrize("name", few(SLOPES, [name for name in SLOPES if name.startswith(("phong", "a hemi"))]))
 def test_the_derivative_at_normal_incidence_is_the_limit(name):
     lobe, right = SLOPES[name]
-
-    def value(mu):
-        return albedo(lobe, mu).value
-
-    assert float(jax.grad(value)(1.0)) == pytest.approx(right, rel=1e-9, abs=1e-10)
-    assert float(jax.jacfwd(value)(1.0)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+    assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+    assert float(FORWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lobe)
-    assert float(jax.grad(lambda mu: albedo(single, mu).value)(jnp.float32(1))) == pytest.approx(right, rel=2e-5, abs=1e-5)
+    assert float(BACKWARDS(jnp.float32(1), single)) == pytest.approx(right, rel=2e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    "lobe",
-    [
-        *(family(form) for form in ("mirror", "half") for family in (
-            lambda form: BinomialPower(1.0, form=form),
-            lambda form: BinomialPower(20.0, form=form, clamped=False),
-            lambda form: KuijkBlake(1.0, form),
-            lambda form: KuijkBlake(0.0, form),
-            lambda form: Lyon(6.0, 2, form),
-        )),
-        Schlick(0.0),
-        Schlick(5.0, "half"),
-    ],
-    ids=str,
-)  # fmt: skip
-def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(lobe):
-    right = slope_at_normal(lambda mu: albedo(lobe, mu).value)
-    assert float(jax.grad(lambda mu: albedo(lobe, mu).value)(1.0)) == pytest.approx(right, rel=1e-7, abs=1e-7)
+STEEP = {
+    f"{name}-{form}": build(form)
+    for form in ("mirror", "half")
+    for name, build in {
+        "binomial-1": lambda form: BinomialPower(1.0, form=form),
+        "unclamped": lambda form: BinomialPower(20.0, form=form, clamped=False),
+        "kb-1": lambda form: KuijkBlake(1.0, form),
+        "kb-0": lambda form: KuijkBlake(0.0, form),
+        "lyon-2": lambda form: Lyon(6.0, 2, form),
+        "schlick": lambda form: Schlick(0.0 if form == "mirror" else 5.0, form),
+    }.items()
+}
+
+
+@pytest.mark.parametrize("name", few(STEEP, ("unclamped-mirror", "kb-1-half", "kb-0-half")))
+def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(name):
+    lobe = STEEP[name]
+    right = slope_at_normal(lambda mu: value(mu, lobe))
+    assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-7, abs=1e-7)
     # Nothing jumps on the way there.
-    beside = jax.grad(lambda mu: albedo(lobe, mu).value)(1 - 2.0**-53)
-    assert float(beside) == pytest.approx(right, rel=1e-6, abs=1e-6)
+    assert float(BACKWARDS(1 - 2.0**-53, lobe)) == pytest.approx(right, rel=1e-6, abs=1e-6)
 
 
 HUGE_POWERS = [
@@ -215,7 +221,7 @@ def test_huge_powers_keep_their_digits(lobe, mu, right):
 
 
 @pytest.mark.parametrize("form", ["mirror", "half"])
-@pytest.mark.parametrize("power", [1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53])
+@pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (1, 7, 31, 53)))
 def test_bars_of_any_power_contain_the_closed_form(power, form):
     # At normal incidence, for lobes that end inside: (1 - v/e)^k with e = k/n times a polynomial in v.
     k = 2**power
