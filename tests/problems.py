@@ -73,28 +73,6 @@ def facet_lobe(distribution: str, masking: str, f0: float) -> Callable[[Any], An
     return lambda m: GGX(m, f0, masking=masking)
 
 
-def phong_at_normal(n: np.ndarray) -> np.ndarray:
-    """2 pi / (n + 2)."""
-    return 2 * np.pi / (n + 2)
-
-
-def blinn_phong_at_normal(n: np.ndarray) -> np.ndarray:
-    """8 pi (2^(-n/2) + n) / ((n+2)(n+4)), Giesen 2009."""
-    return 8 * np.pi * (np.exp2(-n / 2) + n) / ((n + 2) * (n + 4))
-
-
-def schlick_mirror_at_normal(n: np.ndarray) -> np.ndarray:
-    """(2 pi/(n-1)) [A^2 ln n - A - 1/2] with A = n/(n-1)."""
-    a = n / (n - 1)
-    return 2 * np.pi / (n - 1) * (a * a * np.log(n) - a - 0.5)
-
-
-def binomial_power_at_normal(n: np.ndarray) -> np.ndarray:
-    """Half form, k = 16, for n >= 54.63: (128 pi/n) [1/17 - 5A/306 + 6A^2/2907 - 2A^3/19380], A = 16/n."""
-    a = 16 / n
-    return 128 * np.pi / n * (1 / 17 - 5 * a / 306 + 6 * a**2 / 2907 - 2 * a**3 / 19380)
-
-
 PHONG_POLYNOMIALS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     # (n+2)/(2 pi) times the albedo at even n is a polynomial in mu = cos theta.
     2: lambda mu: (1 + mu) ** 2 / 4,

@@ -246,11 +246,6 @@ def test_what_is_random_is_told(function):
         Evaluator(lambda: function, {}).disagreement({})
 
 
-@pytest.mark.parametrize("build", [traceable, wants_a_number, plain_numpy])
-def test_sound_functions_agree_with_themselves(build):
-    assert Evaluator(build, {"n": 2.0}).disagreement({"n": 3.0}) is None
-
-
 def test_directions_can_be_taken_one_by_one():
     evaluator = Evaluator(lambda: normalised_by_the_batch, {})
     assert evaluator.evaluated_alone()

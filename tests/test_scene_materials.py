@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy_shader
 import pytest
+from selection import few
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert
@@ -16,7 +17,6 @@ from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
 from brdfcheck.scene.shading import shade
 
-VALIDATED = [entry.name for entry in catalog.entries() if entry.validated]
 PUBLISHED = [entry.name for entry in catalog.entries() if not entry.validated]
 
 
@@ -99,7 +99,7 @@ def test_surface_against_plain_numpy_under_all_kinds_of_lights():
         shaded(Surface(matt, glossy), (Polygon(wall),))
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize("name", few(PUBLISHED, ("blinn-phong-6", "blinn-phong-8", "phong-classical", "schlick-phong-factor")))
 def test_what_is_not_conserving_is_refused_with_the_reason(name):
     # What some claim is true: those pass.
     if name in ("blinn-phong-6", "blinn-phong-linear", "phong-pdf"):
@@ -139,7 +139,6 @@ def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     # A Fresnel reflectance reaches 1 at grazing incidence, where the light of the matt part is still there.
     with pytest.raises(ValueError, match=r"up to 1.07[0-9]* of the light in channel R, at 90 degrees: 0.07"):
         Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.05))
-    Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.1))
 
 
 def glossy(wi, wo, n):
@@ -160,6 +159,7 @@ def brushed(wi, wo):
     return (1 + (wi[..., :1] * wo[..., :1]) ** 2) * np.array([0.4, 0.2, 0.1]) / np.pi
 
 
+@pytest.mark.slow
 @jax.numpy_dtype_promotion("standard")  # as users have it: numbers of a function may be of another precision
 def test_functions_of_users_are_terms_like_lobes():
     lobe = Term("phong", (0.5, 0.3, 0.1), n=20)
@@ -206,10 +206,15 @@ def test_channels_and_directions_of_functions_are_those_of_the_surface():
 def test_functions_are_refused_like_lobes():
     with pytest.raises(materials.NotConserving, match=r"<lambda> is not validated .VIOLATES: albedo 3.14159"):
         Surface(Term(lambda wi, wo: 1.0))
-    for term in (Term(glossy, 0.7, n=20), Term(by_numpy, 0.7)):
-        with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
-            Surface(term, Term("lambert", 0.5))
+    with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
+        Surface(Term(glossy, 0.7, n=20), Term("lambert", 0.5))
     Surface(Term(glossy, 0.5, n=20), Term("lambert", 0.5))
+
+
+@pytest.mark.slow
+def test_functions_of_numpy_are_refused_like_lobes():
+    with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
+        Surface(Term(by_numpy, 0.7), Term("lambert", 0.5))
 
 
 def test_materials_are_built_inside_traced_programs():

@@ -9,11 +9,7 @@ import pytest
 from problems import (
     LOBES,
     PHONG_POLYNOMIALS,
-    binomial_power_at_normal,
-    blinn_phong_at_normal,
     brute_force,
-    phong_at_normal,
-    schlick_mirror_at_normal,
     slope_at_normal,
     zonal_tables,
 )
@@ -71,21 +67,6 @@ def test_float32(name):
     assert np.all(error <= np.asarray(result.error, float))
 
 
-def test_closed_forms_at_normal_incidence():
-    n = np.concatenate([np.geomspace(0.01, 1e7, 40)])
-    mu = jnp.asarray(1.0)
-
-    def value(lobe):
-        return np.asarray(jax.vmap(albedo, (0, None))(lobe, mu).value)
-
-    np.testing.assert_allclose(value(Phong(n)), phong_at_normal(n), rtol=1e-12)
-    np.testing.assert_allclose(value(BlinnPhong(n)), blinn_phong_at_normal(n), rtol=1e-12)
-    above = n[n > 3]  # the closed form itself cancels near n = 1
-    np.testing.assert_allclose(value(Schlick(above)), schlick_mirror_at_normal(above), rtol=1e-11)
-    large = n[n > 55]
-    np.testing.assert_allclose(value(BinomialPower(large)), binomial_power_at_normal(large), rtol=1e-12)
-
-
 @pytest.mark.parametrize("n", PHONG_POLYNOMIALS)
 def test_phong_at_even_exponents_is_a_polynomial(n):
     mu = jnp.concatenate([jnp.zeros(1), jnp.geomspace(1e-8, 1, 60)])
@@ -101,18 +82,15 @@ def test_lambert_reflects_its_reflectance_at_every_angle():
     np.testing.assert_allclose(rgb.value, np.broadcast_to([0.1, 0.5, 0.9], (33, 3)), rtol=1e-13)
 
 
-@pytest.mark.parametrize("name", ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"])
+WIDE = ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"]
+
+
+@pytest.mark.parametrize("name", few(WIDE, ("phong", "schlick_half")))
 def test_against_brute_force_over_the_outgoing_hemisphere(name):
     # Ties the albedo to the function f(wi, wo) that users call, not only to the reduced integral.
     lobe = LOBES[name](5.0)
     for mu in (0.9, 0.35):
         assert albedo(lobe, mu).value == pytest.approx(brute_force(lobe, mu), abs=2e-5)
-
-
-def test_grazing_limit_is_reached():
-    for name in ("phong", "blinn", "lyon3", "schlick"):
-        lobe = LOBES[name](20.0)
-        assert albedo(lobe, 0.0).value == pytest.approx(float(albedo(lobe, 1e-9).value), rel=1e-7)
 
 
 def test_a_rule_fails_past_its_degree():

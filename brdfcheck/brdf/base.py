@@ -12,7 +12,7 @@ A lobe says where it lives (its width, its support, the angles at which its form
 from __future__ import annotations
 
 import abc
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -105,6 +105,10 @@ class AbstractZonalLobe(AbstractBRDF):
         beyond 41.8°.
         """
         return False
+
+    def exact_factor(self) -> Any:
+        """The factor in closed form with which the lobe reflects exactly 1 at normal incidence; None where there is none."""
+        return None
 
     def amplitude(self) -> Float[Array, "..."]:
         """What the profile is multiplied by, in 1/sr: a number, or one number for each channel."""

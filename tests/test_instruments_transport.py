@@ -14,6 +14,7 @@ from brdfcheck import Factor, Lambert, Normalized, Phong, transport
 from brdfcheck.output import records
 from brdfcheck.transport.styles import LABELS, SOLVERS
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 KEY = jax.random.key(0)
 
 

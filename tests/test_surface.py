@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck import BinomialPower, Factor, Family, Phong, albedo
 from brdfcheck.brdf import catalog
@@ -38,7 +39,7 @@ def fits() -> Lazy:
     return Lazy()
 
 
-@pytest.mark.parametrize("name", REACHED)
+@pytest.mark.parametrize("name", few(REACHED, ("phong", "ggx")))
 def test_the_error_holds_where_nothing_was_measured(fits, name):
     fit = fits[name]
     random = np.random.default_rng(11)
