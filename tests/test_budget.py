@@ -523,13 +523,6 @@ def test_what_clearly_takes_longer_than_the_full_model_is_not_chosen(monkeypatch
         assert found == chosen
 
 
-def test_kuijk_blakes_lobe_is_refused_where_it_breaks_the_law():
-    terms = [{"brdf": "blinn-phong", "n": 1000}]
-    scene = scenes.parse_scene({**GLOSSY, "material": {"kind": "surface", "terms": terms}})
-    with pytest.raises(ValueError, match=r"KuijkBlake times BlinnPhongExact is not validated .VIOLATES"):
-        knobs.plan_of(scene, {"lobe": "Kuijk-Blake, factor of the power"})
-
-
 @pytest.mark.slow
 def test_meshes_and_functions_of_users_have_budgets(tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / "ball.stl")

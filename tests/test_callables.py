@@ -368,17 +368,6 @@ def test_what_a_scan_sees_of_a_function_is_kept():
     assert 0 < albedo.seen.nonfinite < albedo.seen.values
 
 
-def test_points_are_evaluated_in_any_number_and_order():
-    albedo = PointwiseAlbedo(Family("phong", lambda n: Phong(n), {"n": (1.0, 100.0)}))
-    n = np.random.default_rng(3).uniform(1, 100, 300)
-    value, error = albedo(n[:, None], np.ones(300), np.zeros(300))
-    np.testing.assert_allclose(value, 2 * np.pi / (n + 2), rtol=1e-13)
-    assert np.all(error > 0)
-    assert albedo.evaluations % 300 == 0
-    single, _ = albedo(n[7:8, None], np.ones(1), np.zeros(1))
-    assert single == pytest.approx(value[7], rel=1e-15)
-
-
 def test_the_worst_channel_counts():
     from brdfcheck.brdf.lobes import Lambert
 

@@ -427,13 +427,3 @@ def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
 
 
 # --- the package's public names ---
-
-
-def test_public_names_are_found_lazily() -> None:
-    assert set(brdfcheck.__all__) <= set(dir(brdfcheck))
-    for name in brdfcheck.__all__:
-        assert getattr(brdfcheck, name) is not None
-    assert brdfcheck.albedo is sys.modules["brdfcheck.quadrature.albedo"].albedo
-    assert brdfcheck.brdf.catalog is catalog
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = brdfcheck.nothing  # pyright: ignore[reportAttributeAccessIssue]

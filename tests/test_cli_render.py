@@ -248,11 +248,3 @@ def test_what_only_rendering_finds_out(run: Run, here: Path) -> None:
     assert (code, err.count("\n")) == (ExitCode.USAGE_ERROR, 1)
     assert "pixels are not finite in single precision" in err
     assert not (here / "a.png").exists()
-
-
-def test_a_scene_needs_material_and_lights() -> None:
-    for key in ("material", "lights"):
-        document = changed()
-        del document[key]
-        with pytest.raises(UsageError, match=f"{key}: is missing"):
-            scene_files.parse_scene(document)

@@ -56,12 +56,6 @@ def test_over_angles_the_ends_are_where_the_albedo_is_1():
     assert raw["above"] == [[0, 1]]
 
 
-def test_the_albedo_of_phong_over_angles():
-    curve = curves.albedo_vs_angle("phong", samples=9, n=2.0)
-    mu = np.array(curve["x"])
-    np.testing.assert_allclose(curve["albedo"], (1 + mu) ** 2 / 4, rtol=1e-11)
-
-
 def test_factors_against_the_largest_conserving_one():
     exact = curves.factor("blinn-phong", samples=5, n=(1, 100))
     np.testing.assert_allclose(exact["factor"], exact["exact"], rtol=1e-10)

@@ -400,13 +400,6 @@ def test_a_lobe_that_says_it_does_not_rise_does_not(name: str) -> None:
     assert np.all(value <= value[:, :1] + error + error[:, :1])
 
 
-def test_other_lobes_that_do_not_rise() -> None:
-    assert Lambert(0.5).monotone
-    assert Lyon(5.0, 16).monotone
-    assert BinomialPower(5.0, 2**20).monotone
-    assert not BinomialPower(5.0, clamped=False).monotone
-
-
 @pytest.mark.parametrize(("k", "clamped"), [(2**53 + 2, True), (66, False)])
 def test_powers_that_would_lose_their_digits_are_refused(k: int, clamped: bool) -> None:
     with pytest.raises(ValueError, match="k must be at most"):

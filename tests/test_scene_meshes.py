@@ -202,13 +202,6 @@ def test_three_interpolations_agree_on_triangles(seed):
         np.testing.assert_allclose(interpolated(method(corners, at), values), values.T @ shares, atol=2e-12)
 
 
-def test_interpolation_at_corners_and_on_horizontal_edges():
-    corners = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 3.0]])
-    for method in INTERPOLATIONS.values():
-        np.testing.assert_allclose(method(corners, corners.T), np.eye(3), atol=1e-15)
-        np.testing.assert_allclose(method(corners, np.array([0.5, 0.0])), [0.75, 0.25, 0], atol=1e-15)
-
-
 def test_scan_lines_on_quadrilaterals_are_what_the_formula_says():
     # A trapezium with two horizontal sides: t_l = t_r = y, then linear in x.
     corners, values = np.array([[0.0, 0.0], [4.0, 0.0], [3.0, 1.0], [1.0, 1.0]]), np.array([1.0, 2.0, 5.0, 7.0])

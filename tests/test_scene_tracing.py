@@ -263,15 +263,6 @@ def test_translucent_spheres_by_rays_and_by_painting_are_the_same(kind):
     assert np.abs(np.asarray(trace(spheres, lights, camera, depth=1, shadows=False, **arguments)) - painted).max() > 0.05
 
 
-def test_translucent_spheres_dim_the_light_behind_them():
-    floor = Plane((0, 0, -2), (0, 0, 1), matt(0.5, 0.5, 0.5))
-    sheer = Sphere((0.0, 0.0, 0.0), 0.5, SHEER((0.2, 0.4, 0.9), t_h=0.75))
-    camera = Perspective((4.0, 0.0, 2.0), (0.0, 0.0, -2.0))
-    image = np.asarray(trace64((floor, sheer), (Distant((0, 0, 1.0), np.pi),), camera, size=(41, 41)))[0]
-    assert image[20, 20] == pytest.approx(0.5 * 0.25, rel=1e-12)
-    assert image[20, 40] == pytest.approx(0.5, rel=1e-12)
-
-
 # Programs and derivatives
 
 
