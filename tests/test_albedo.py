@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,7 +10,6 @@ import pytest
 from selection import few
 
 from brdfcheck import Factor, Normalized, PerCosine, PhongExact, albedo
-from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 
@@ -58,38 +55,6 @@ def test_jit_is_eager(lobe):
     with jax.disable_jit():
         eager = albedo(lobe, 0.4).value
     np.testing.assert_allclose(albedo(lobe, 0.4).value, eager, rtol=1e-12)
-
-
-def test_a_batch_of_lobes():
-    n = jnp.asarray([1.0, 10.0, 100.0])
-    mu = jnp.asarray([1.0, 0.5])
-    batch = jax.vmap(albedo, (0, None))(Phong(n), mu)
-    assert batch.value.shape == (3, 2)
-    np.testing.assert_allclose(batch.value[1], albedo(Phong(10.0), mu).value, rtol=1e-14)
-
-
-def test_no_retrace_for_another_exponent():
-    traces = 0
-
-    class Counting(AbstractZonalLobe):
-        form: str = eqx.field(static=True)
-        n: jax.Array
-
-        def profile(self, versine):
-            nonlocal traces
-            traces += 1
-            return jnp.exp(-self.n * versine)
-
-        def width(self):
-            return 1 / jnp.sqrt(self.n)
-
-        def breaks(self):
-            return jnp.minimum(40 / self.n, 1.0)[None]
-
-    mu = jnp.asarray([0.3, 0.9])
-    for n in (3.0, 5.0, 700.0):
-        albedo(Counting("mirror", jnp.asarray(n)), mu)
-    assert traces == 1
 
 
 @pytest.mark.parametrize("lobe", few([lobe for lobe in SAMPLES if hasattr(lobe, "n")], FAST, kind))
@@ -155,26 +120,6 @@ def test_a_function_goes_to_the_adaptive_engine():
     assert np.all(np.abs(result.value - np.asarray(exact.value)) <= 1e-7)
 
 
-def test_a_numpy_function_says_that_it_is_slow(caplog):
-    def plain(wi, wo):
-        return np.where(np.asarray(wo)[..., 2] > 0, 1 / np.pi, 0.0)
-
-    with caplog.at_level(logging.WARNING, logger="brdfcheck"):
-        result = albedo(plain, 0.5)
-    assert result.engine == "adaptive (numpy)"
-    assert "numpy" in caplog.text
-    assert result.value == pytest.approx(1, abs=1e-8)
-
-
-@pytest.mark.parametrize("mu", [1.0, 0.5, 1 / 64])
-def test_needles_of_a_users_own_ggx(mu):
-    own = lambda wi, wo: GGX(0.01)(wi, wo)  # noqa: E731
-    result = albedo(own, mu, rtol=1e-7)
-    exact = float(albedo(GGX(0.01), mu).value)
-    assert abs(float(result.value) - exact) <= 1e-6
-    assert abs(float(result.value) - exact) <= float(result.error) + 2e-9
-
-
 def test_anisotropic_albedo_depends_on_the_azimuth():
     def brushed(wi, wo):
         half = wi + wo
@@ -186,27 +131,3 @@ def test_anisotropic_albedo_depends_on_the_azimuth():
     assert abs(along - across) > 0.01
     both = albedo(brushed, 0.5, azimuth=np.array([0.0, np.pi / 2]))
     np.testing.assert_allclose(both.value, [along, across], rtol=1e-7)
-
-
-@pytest.mark.parametrize("power", [0.1, 0.3, 0.5, 1.0])
-def test_grazing_incidence_is_the_limit(power):
-    result = albedo(lambda wi, wo: (1.02 - 0.1 * wi[..., 2] ** power) / jnp.pi + 0 * wo[..., 2], np.array([0.0, 1e-3]))
-    assert abs(float(result.value[0]) - 1.02) <= float(result.error[0]) < 1e-4
-    assert float(result.value[1]) == pytest.approx(1.02 - 0.1 * 1e-3**power, abs=1e-8)
-
-
-@pytest.mark.parametrize(
-    "growth", [lambda mu: mu**-0.5, lambda mu: 0.1 * mu**-0.1, lambda mu: -jnp.log(mu), lambda mu: 0.5 - 0.01 * jnp.log(mu)]
-)
-def test_grazing_incidence_without_bound(growth):
-    result = albedo(lambda wi, wo: growth(wi[..., 2]) / jnp.pi + 0 * wo[..., 2], 0.0)
-    assert np.isposinf(result.value)
-    assert np.isposinf(result.error)
-
-
-def test_single_directions_that_are_not_finite_are_taken_beside():
-    def divided(wi, wo):  # 0/0 for light along N
-        return (wi[..., 0] ** 2 + wi[..., 1] ** 2) / (wi[..., 0] ** 2 + wi[..., 1] ** 2) * 0.5 / jnp.pi + 0 * wo[..., 2]
-
-    result = albedo(divided, jnp.asarray([1.0, 0.5]))
-    np.testing.assert_allclose(result.value, 0.5, atol=1e-7)

@@ -293,13 +293,6 @@ def test_a_sum_that_does_not_conserve_is_never_chosen():
     assert term.name == "blinn-phong"
 
 
-def test_nothing_is_simplified_at_tolerance_zero(glossy):
-    budget = glossy.choose(0)
-    assert budget.verified == Fault(0.0, 0.0)
-    assert budget.chosen["precision"] == "float64"
-    assert budget.chosen["lobe"] == "power, exact factor"
-
-
 def test_factors_are_one_program_and_one_cost(glossy):
     scene, compiler = glossy.scene, Compiler(glossy.scene)
     names = [f"Lyon w=2, {factor}" for factor in ("factor of the power", "two constants", "exact factor")]
@@ -396,6 +389,7 @@ def test_bounces_are_those_of_the_transport():
     np.testing.assert_allclose(room_image("all")[:, seen, 8], expected(direct(cube, emission, 0.7).value), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_room_of_one_radiance_is_a_surrounding():
     # Nothing is lost between the walls, and all normals get pi: by moments of solid angles.
     for cells in (1, 5):
@@ -441,6 +435,7 @@ def test_each_bounce_buys_accuracy_for_work():
     assert ladder[0].cost < 0.2 * ladder[-1].cost
 
 
+@pytest.mark.slow
 def test_the_albedo_by_a_rule_tends_to_the_furnace():
     surface = {"kind": "surface", "terms": [{"brdf": "phong", "tint": 0.8, "n": 20}, {"brdf": "lambert", "tint": 0.1}]}
     scene = scenes.parse_scene({"size": 12, "material": surface, "lights": [{"kind": "environment", "intensity": 0.9}]})
@@ -583,24 +578,10 @@ def test_a_fresnel_term_has_the_rungs_below_its_own():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"output": {"bits": 9}}, "output.bits: must be one of 8 or 16; got 9"),
-        ({"output": {"transfer": "log"}}, "output.transfer: must be one of 'srgb' or 'linear'; got 'log'"),
-        ({"output": 8}, "output: must be a table; got 8"),
         ({"matters": {"pixel": "1/0"}}, "matters.pixel: must be a number from 0 to 1 or a fraction"),
         ({"matters": {"pixel": True}}, "matters.pixel: must be a number"),
-        ({"matters": {"energy": -1}}, "matters.energy: must be a number"),
-        ({"matters": {"silhouette": 1}}, "matters.silhouette: must be true or false; got 1"),
-        ({"matters": {"size": 1}}, "matters: unknown key 'size'"),
-        ({"room": {"reflectance": 1.0, "emission": 1}}, "room.reflectance: must be below 1.0; got 1.0"),
-        ({"room": {"reflectance": 0.5}}, "room.emission: is missing"),
-        ({"room": {"reflectance": 0.5, "emission": 1, "cells": 0}}, "room.cells: must be at least 1; got 0"),
         ({"size": 16384}, "size: must be at most 16777216 pixels in all"),
-        (
-            {"outptu": {}},
-            "did you mean output? allowed: size, background, geometry, camera, material, lights, output, matters, room",
-        ),
         ({"allow_unvalidated": True}, "allow_unvalidated has no place"),
-        ({"material": {"kind": "wax"}}, "material: must be one of 'surface', "),
         (
             {"material": {"kind": "highlight", "base": 0.5}, "room": {"reflectance": 0.5, "emission": 1}},
             "a room lights matt terms",

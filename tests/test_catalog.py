@@ -154,12 +154,6 @@ def test_unknown_names_are_answered_with_near_ones(name: str, near: str) -> None
     assert repr(name) in caught.value.args[0]
 
 
-def test_nothing_like_a_name_lists_all() -> None:
-    with pytest.raises(KeyError, match="known names: lambert, phong"):
-        catalog.entry("###")
-    assert catalog.entry("ggx").family.ranges == {"alpha": (0.05, 1.0)}
-
-
 def test_exponent_family() -> None:
     assert catalog.exponent_family("phong")(3.0).lobe.n == 3
     assert catalog.exponent_family("ggx")(0.25).alpha == 0.25
@@ -231,31 +225,6 @@ def test_every_lobe_has_a_row_and_independent_values() -> None:
     assert not without_independent_value(zonal - {lobes.Lambert})  # Lambert's albedo is its reflectance
     assert set(zonal_tables()) == set(LOBES)
     assert facets <= {type(facet_lobe(*key)(0.5)) for key in facet_tables()}
-
-
-def test_a_forgotten_step_is_noticed() -> None:
-    class Forgotten(lobes.Phong.__base__):  # pyright: ignore
-        n: object
-        form: str
-
-        def __init__(self, n, form="mirror"):
-            self.n, self.form = n, form
-
-        def profile(self, versine):
-            return versine
-
-        def width(self):
-            return self.n
-
-        def breaks(self):
-            return self.n
-
-    assert without_catalogue_row({Forgotten, lobes.Phong}) == {Forgotten}
-    assert {form for _, form, _ in without_independent_value({Forgotten, lobes.Phong})} == {"mirror", "half"}
-    assert without_independent_value({lobes.Lambert})
-    module = ModuleType(Forgotten.__module__)
-    module.Forgotten = Forgotten  # pyright: ignore[reportAttributeAccessIssue]
-    assert final_classes(module, AbstractZonalLobe) == {Forgotten}
 
 
 # --- wherever one looks ---

@@ -69,18 +69,6 @@ def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
     assert report.albedo > 1 - 1e-4
 
 
-def test_a_falling_factor_to_copy_conserves(run: Run) -> None:
-    out = run("fit", "binomial-power-unclamped", "--n", "100:130")[1]
-    assert "factor (133.5" in out
-    assert re.search(r"smallest  albedo 6\.18\d+e-13 ", out)
-    found = re.search(r"A = (-[\d.]+), B = (-[\d.]+)", out)
-    assert found
-    factor = Factor(float(found[1]), float(found[2]))
-    report = check(lambda n: Normalized(catalog.entry("binomial-power-unclamped").family.build(n=n).lobe, factor), n=(100, 130))
-    assert report.verdict is Verdict.CONSERVES
-    assert 1 - 1e-3 < report.albedo <= 1
-
-
 def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "fit.json"
     code, _, _ = run("fit", "blinn-phong", "--n", "1:100", "--objective", "reciprocal", "--ladder", "--json", str(path))
@@ -117,13 +105,6 @@ def test_exports(run: Run, tmp_path: Path, kind: str) -> None:
         assert np.load(path).shape == (64, 64)
 
 
-def test_source_text_on_stdout(run: Run) -> None:
-    code, out, err = run("fit", "phong", "--n", "1:100", "--export", "glsl", "-")
-    assert code == ExitCode.PASSED
-    assert out.startswith("//")
-    assert "exported  stdout" in err
-
-
 def test_your_own_lobe(run: Run, mine: str) -> None:
     code, out, _ = run("fit", f"{mine}:plain", "--n", "1:50")
     assert code == ExitCode.PASSED
@@ -148,9 +129,3 @@ def test_a_family_with_free_parameters_is_refused(run: Run, mine: str) -> None:
     code, _, err = run("fit", f"{mine}:raises")
     assert code == ExitCode.USAGE_ERROR
     assert "boom" in err
-
-
-def test_the_lobe_is_the_catalogues(run: Run) -> None:
-    """The factor that an entry carries is taken off: three entries of one lobe give one fit."""
-    lines = {run("fit", name)[1].splitlines()[0].split("  ")[1] for name in ("binomial-power-half", "binomial-power-raw")}
-    assert len(lines) == 1

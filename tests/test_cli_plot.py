@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from selection import few
 
 import brdfcheck
 from brdfcheck import cli
@@ -74,9 +75,7 @@ def test_the_default_is_an_svg_of_the_kinds_name(run: Run, here: Path) -> None:
     assert os.listdir(here) == ["albedo-vs-n.svg"]
 
 
-@pytest.mark.parametrize(
-    ("suffix", "head"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")]
-)
+@pytest.mark.parametrize(("suffix", "head"), [(".pdf", b"%PDF"), (".PNG", b"\x89PNG")])
 def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: bytes) -> None:
     words = ("plot", "albedo-vs-angle", "phong", "--n", "1,10", *SMALL, "-o", f"x{suffix}")
     assert run(*words)[0] == ExitCode.PASSED
@@ -86,7 +85,7 @@ def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: 
     assert (here / f"x{suffix}").read_bytes() == first
 
 
-@pytest.mark.parametrize("kind", ["albedo-vs-n", "albedo-vs-angle", "heatmap", "factor"])
+@pytest.mark.parametrize("kind", few(["albedo-vs-n", "albedo-vs-angle", "heatmap", "factor"], ("albedo-vs-n", "factor")))
 def test_every_kind_from_names_and_again_from_its_record(run: Run, here: Path, kind: str) -> None:
     words = ("plot", kind, "blinn-phong-8", "binomial-power-half", "--n", "1:100", *SMALL)
     code, out, err = run(*words, "--json", "r.json")
@@ -110,6 +109,7 @@ def test_a_record_is_plotted_without_jax(here: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_function_over_angles(run: Run, mine: str) -> None:
     code, out, _ = run("plot", "albedo-vs-angle", f"{mine}:flat", *SMALL)
     assert code == ExitCode.PASSED

@@ -78,6 +78,7 @@ def test_a_fit_as_a_curve():
         curves.fitted("factor", "phong", {**result, "factor": {"form": "Odd"}})
 
 
+@pytest.mark.slow
 def test_a_function_has_intervals_too():
     """f = c/pi with c = n/10 exceeds 1 for n > 10; the engine is the adaptive one."""
     curve = curves.albedo_vs_n(lambda n: lambda wi, wo: n / 10 / jnp.pi + 0 * wo[..., 2], samples=3, n=(1, 30))
@@ -96,7 +97,7 @@ def test_held_parameters_and_intervals():
     assert curve["held"] == {"k": 24.55}
 
 
-@pytest.mark.parametrize("kind", list(curves.KINDS))
+@pytest.mark.parametrize("kind", few(curves.KINDS, ("albedo-vs-angle", "heatmap")))
 def test_curves_are_strict_json(kind):
     options = {"n": 10.0} if kind == "albedo-vs-angle" else {"n": (1, 100)}
     curve = curves.KINDS[kind]("binomial-power-unclamped", samples=5, **options)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck import BinomialPower, Factor
 from brdfcheck.brdf.factors import Constant, PhongExact, Proportional, RationalFactor
@@ -36,6 +37,8 @@ FITS = {
     "ggx": {"degree": (4, 2)},
     "lambert": {"degree": (1, 0)},
 }
+
+FAST = ("phong", "kuijk-blake-half", "binomial-power-mirror", "ggx")
 
 
 class Lazy(dict):
@@ -78,7 +81,7 @@ def nodes(table: AlbedoGrid) -> np.ndarray:
 
 
 @pytest.mark.skipif(C_COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", FITS)
+@pytest.mark.parametrize("name", few(FITS, FAST))
 def test_the_compiled_c_is_the_fit_and_reproduces_the_table(exported, name, tmp_path):
     fit, table = exported[name]
     points = np.concatenate(
@@ -139,7 +142,7 @@ static inline float clamp(float x, float low, float high) { return fminf(fmaxf(x
 
 
 @pytest.mark.skipif(C_COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", FITS)
+@pytest.mark.parametrize("name", few(FITS, FAST))
 def test_the_glsl_in_single_precision_reproduces_the_table(exported, name, tmp_path):
     fit, table = exported[name]
     text = re.sub(r"^float ", "static float ", glsl_snippet(fit, name="brdf"), flags=re.MULTILINE)

@@ -129,7 +129,7 @@ def test_value_and_claim(name, problem):
     assert rules.MESSAGES[int(found.status)] == "ok"
 
 
-@pytest.mark.parametrize("digits", [2, 12])
+@pytest.mark.parametrize("digits", few([2, 12], (12,)))
 def test_exact_azimuth_is_honest_at_every_setting(digits):
     wrong = 0
     for name in ("schlick", "kb_half"):
@@ -252,7 +252,7 @@ def test_blocks_cover_fine_settings_and_bound_the_memory():
 # Randomness.
 
 
-@pytest.mark.parametrize("name", [name for name, rule in RULES.items() if rule.random])
+@pytest.mark.parametrize("name", few([name for name, rule in RULES.items() if rule.random], ("cosine-monte-carlo", "sobol")))
 def test_randomness_comes_from_the_key_alone(name):
     rule = RULES[name](256)
     lobe = BlinnPhong(10.0)

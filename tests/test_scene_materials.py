@@ -131,6 +131,10 @@ def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     Surface(Term("lambert", 0.7), Term("phong", 0.3, n=20))
     with pytest.raises(ValueError, match=r"up to 1.1 of the light in channel G, at 0 degrees: 0.1 more than arrives"):
         Surface(Term("lambert", (0.1, 0.5, 0.2)), Term("blinn-phong", 0.6, n=30))
+
+
+@pytest.mark.slow
+def test_a_sum_of_what_loses_energy_may_be_brighter():
     # More than 1 by the tints, less than 1 in fact: the lobe loses energy of its own.
     lossy = Term("binomial-power-half", 1.0, n=1.0)
     Surface(Term("lambert", 0.09), lossy)

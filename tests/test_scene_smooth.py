@@ -65,16 +65,6 @@ def test_images_are_those_of_plain_numpy(kind):
         np.testing.assert_allclose(np.moveaxis(found, 0, -1)[clear], expected[clear], atol=1e-11)
 
 
-@pytest.mark.slow
-def test_single_precision_is_close_to_double():
-    arguments = {"size": (96, 96), "shading": "phong"}
-    double, single = (image_of(icosphere(2, dtype), Perspective(), blinn, **arguments) for dtype in (None, jnp.float32))
-    assert single.dtype == jnp.float32
-    # A few pixels on edges fall to another face; all others agree to the digits of float32.
-    difference = np.abs(np.asarray(double) - np.asarray(single)).max(0)
-    assert np.mean(difference > 2e-5) < 2e-3
-
-
 @pytest.mark.parametrize("level", [0, 2])
 def test_phong_with_exact_normals_is_the_exact_sphere(level):
     # A vertex at its own normal: what is interpolated and made unit again points from the centre through the facet.

@@ -47,14 +47,6 @@ def plain(size, dtype):
 # --- images ---
 
 
-def test_lambert_sphere_under_a_distant_light_is_its_closed_form():
-    hit, normals = numpy_shader.sphere((64, 96))
-    image = seen(sphere_image(Surface(MATT), (SUN,), size=(64, 96), background=(0.1, 0.2, 0.3), dtype=jnp.float64))
-    cosine = np.maximum(normals @ numpy_shader.normalised(np.array([0.5, 0.6, 0.62])), 0)[..., None]
-    expected = np.array([0.5, 0.4, 0.3]) / np.pi * np.array([3, 2.8, 2.5]) * cosine
-    np.testing.assert_allclose(image, np.where(hit[..., None], expected, (0.1, 0.2, 0.3)), atol=1e-15)
-
-
 def test_images_equal_those_of_plain_numpy():
     size = (65, 80)
     expected = plain(size, np.float64)

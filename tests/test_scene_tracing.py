@@ -232,6 +232,7 @@ def test_single_precision_and_small_weights_change_little():
     assert np.median(difference) < 1e-5
 
 
+@pytest.mark.slow
 def test_blocks_do_not_show(monkeypatch):
     whole = mixed()
     monkeypatch.setattr(tracing, "_BLOCK", 100)

@@ -66,11 +66,6 @@ def test_what_is_closed_changes_no_exit_code(folder: Path, words: str) -> None:
 
 
 @posix
-def test_a_message_does_not_go_where_results_go(folder: Path) -> None:
-    assert shell("$B chekc 2>&-", folder) == (ExitCode.USAGE_ERROR, "", "")
-
-
-@posix
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 @pytest.mark.parametrize(
     "words", few(["--help", "check --help", "--version", "list", "list --json -", "study list"], ("--help", "list --json -"))

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from selection import few
 
-import brdfcheck
 from brdfcheck.brdf.factors import Factor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Phong
-from brdfcheck.brdf.microfacet import CookTorrance
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.zonal import Zonal
@@ -100,18 +98,6 @@ class Planted(PointwiseAlbedo):
 
 
 # --- lobes ---
-
-
-def test_normal_incidence_is_not_the_worst_for_the_unclamped_lobe():
-    unclamped = scaled(lambda n: BinomialPower(n, clamped=False), 6.0, 24.55)
-    found = largest(unclamped, n=(30.0, 100.0))
-    assert found.cos_theta < 0.05
-    assert found.above is not None
-    assert found.above[0] == pytest.approx((36.27819, 100.0), abs=1e-5)
-    # At normal incidence alone it is innocent up to n = 110.4.
-    straight = largest(unclamped, (1.0, 1.0), n=(30.0, 200.0))
-    assert straight.above is not None
-    assert straight.above[0] == pytest.approx((110.4, 200.0), abs=0.05)
 
 
 # --- planted maxima ---
@@ -257,14 +243,6 @@ def test_the_search_tells_how_far_it_is():
     assert all(best <= 0.9 for _, best in told)
 
 
-def test_a_single_point():
-    for build in (lambda: Phong(3.0), lambda: CookTorrance(0.3), lambda: lambda wi, wo: Phong(3.0)(wi, wo)):
-        found = largest(build, (0.5, 0.5))
-        expected = brdfcheck.albedo(build(), 0.5)
-        assert abs(found.value - float(expected.value)) <= found.error + float(expected.error)
-        assert (found.cos_theta, found.parameters) == (0.5, {})
-
-
 # --- without bound ---
 
 
@@ -336,16 +314,6 @@ def test_the_limit_at_grazing_incidence_is_the_supremum():
     assert found.error < 1e-6
     assert (found.cos_theta, found.unbounded) == (0.0, None)
     assert found.parameters["k"] == pytest.approx(0.4, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_the_channel_of_the_largest_albedo():
-    found = largest(lambda k: Lambert(jnp.stack([k / 4, k / 2, k])), k=(0.0, 0.8))
-    assert (found.value, found.channel, found.channels) == (pytest.approx(0.8), 2, 3)
-    function = largest(lambda: lambda wi, wo: jnp.asarray([0.1, 0.3, 0.2, 0.1]) / jnp.pi * wo[..., 2:] ** 0)
-    assert (function.value, function.channel, function.channels) == (pytest.approx(0.3), 1, 4)
-    one = largest(lambda: Lambert(0.3))
-    assert (one.channel, one.channels) == (None, 1)
 
 
 @pytest.mark.parametrize("function", [False, True])

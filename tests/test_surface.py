@@ -140,6 +140,7 @@ def test_one_exponent_one_angle_and_other_ranges():
     assert fit_albedo("lambert", degree=(1, 0)).max_error <= 1e-12
 
 
+@pytest.mark.slow
 def test_a_function_of_the_users():
     def glossy(k):
         return lambda wi, wo: k * (1 + wi[..., 2] * wo[..., 2]) / (2 * jnp.pi)

@@ -110,7 +110,11 @@ def config(tmp_path):
     [
         ({"brdf": "binomial-power-half", "axes": {"n": {"geomspace": [0.3, 1000, 70]}, "cos_theta": [0.0, 0.3, 1.0]}}, 1e-11),
         ({"brdf": "phong", "rule": "zonal", "axes": {"cos_theta": {"linspace": [0.1, 1, 7]}, "n": [1, 10, 300]}}, 1e-11),
-        ({"brdf": "lambert", "axes": {"reflectance": [0.0, 0.5, 1.0], "cos_theta": [0.5, 1.0]}}, 1e-12),
+        pytest.param(
+            {"brdf": "lambert", "axes": {"reflectance": [0.0, 0.5, 1.0], "cos_theta": [0.5, 1.0]}},
+            1e-12,
+            marks=pytest.mark.slow,
+        ),
         ({"brdf": "cook-torrance", "axes": {"m": [0.3, 0.6], "cos_theta": [0.4, 0.9]}}, 1e-8),
         ({"brdf": "phong", "rule": "adaptive", "axes": {"n": [20.0], "cos_theta": [0.7]}}, 1e-7),
     ],
