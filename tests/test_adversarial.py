@@ -66,14 +66,14 @@ def test_no_false_verdict(key: tuple[int, int]) -> None:
     assert not unclear(case, report), report
 
 
-@pytest.mark.parametrize("key", FOUND, ids=str)
+@pytest.mark.parametrize("key", few(FOUND, FOUND[1:4] + FOUND[6:]))
 def test_faults_found_once_stay_away(key: tuple[int, int]) -> None:
     drawn = adversarial.drawn(*key)
     assert fault(drawn, checked(drawn)) is None
 
 
 # Of the kinds of which numpy and JAX are compared, those that the other tests do not wait for.
-TWINS = ("narrow angle", "divergence")
+TWINS = ("narrow angle",)
 
 
 @pytest.mark.parametrize("kind", few(adversarial.plain_kinds(), TWINS))

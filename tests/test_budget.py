@@ -503,6 +503,7 @@ def test_a_scene_is_measured_once_and_again_where_it_names_files(tmp_path, monke
     assert measure(path) is not measure(path)
 
 
+@pytest.mark.slow
 def test_what_clearly_takes_longer_than_the_full_model_is_not_chosen(monkeypatch):
     measured = measure({**GLOSSY, "size": 21, "material": MATT})
     full = tuple(len(knob.rungs) - 1 for knob in measured.knobs)

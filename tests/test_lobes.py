@@ -309,8 +309,10 @@ ALL: dict[str, Callable] = {
 
 
 @eqx.filter_jit
-def _both_ways(n: jax.Array, wi: jax.Array, wo: jax.Array) -> dict[str, tuple[jax.Array, jax.Array]]:
-    return {name: (build(n)(wi, wo), build(n)(wo, wi)) for name, build in ALL.items()}
+def _both_ways(n: jax.Array, wi: jax.Array, wo: jax.Array) -> dict[str, jax.Array]:
+    """Of each lobe f(wi, wo) and f(wo, wi)."""
+    there, back = jnp.stack([wi, wo]), jnp.stack([wo, wi])
+    return {name: build(n)(there, back) for name, build in ALL.items()}
 
 
 exponents = st.floats(-2, 7).map(lambda x: 10.0**x)

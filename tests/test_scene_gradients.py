@@ -59,7 +59,7 @@ KINDS = list({kind(name): name for name in reversed(NAMES)}.values())
 """One BRDF of each kind."""
 
 
-@pytest.mark.parametrize("name", few(NAMES, KINDS))
+@pytest.mark.parametrize("name", few(NAMES, KINDS[::2]))
 def test_reverse_mode_in_float32_is_finite(name):
     slopes = slopes_of(("sphere",), *numbers(name, jnp.float32))
     assert np.all(np.isfinite(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(slopes)])))

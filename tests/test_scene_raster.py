@@ -118,6 +118,7 @@ def test_rays_pass_through_the_pixels_that_project(kind):
         np.testing.assert_allclose(np.moveaxis(mine, 0, -1), theirs, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_culling_drops_back_faces_and_nothing_else():
     mesh = icosphere(1)
     camera = Orthographic()

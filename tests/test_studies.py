@@ -64,8 +64,8 @@ def reports(tmp_path_factory):
     return tmp_path_factory.mktemp("reports")
 
 
-# Of the lobes, the verdict, the factors, the rules and their failures.
-FAST = ("raw_albedo", "normalized_albedo", "published_claims", "factor_objectives", "limit", "stability_sampling")
+# Of the lobes, the verdict, the factors and the rules.
+FAST = ("raw_albedo", "normalized_albedo", "published_claims", "factor_objectives", "stability_sampling")
 
 
 @pytest.mark.parametrize("name", few(STUDIES, FAST))
@@ -139,6 +139,7 @@ def test_several_studies_are_processes_of_their_own(tmp_path, monkeypatch):
     assert begun == [(["limit", "enclosure"], False), (["stability", "renders", "raw_albedo"], True)]
 
 
+@pytest.mark.slow
 def test_the_report_of_a_process_is_the_one_of_this_one(tmp_path):
     chosen = [STUDIES["raw_albedo"], STUDIES["factor_objectives"]]
     assert {end.name: end.code for end in studies.run_all(chosen, "small", tmp_path)} == dict.fromkeys(

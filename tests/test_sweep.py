@@ -152,6 +152,7 @@ def test_precision_and_k_are_axes(tmp_path):
     assert float(difference.max()) > 1e-9, "float32 must have been computed in float32"
 
 
+@pytest.mark.slow
 def test_brdf_rule_and_rtol_are_axes(tmp_path):
     document = {
         "brdf": ["binomial-power-half", "BinomialPower"],

@@ -272,6 +272,7 @@ def test_azimuths_of_needles():
     assert np.sum(np.exp(-((even / 1e-4) ** 2))) * np.pi / 512 < 1e-10
 
 
+@pytest.mark.slow
 def test_a_function_of_your_own_and_one_that_is_not_reciprocal():
     brdf = Normalized(Phong(2e4), PhongExact())
     own = transport.angular_operator(lambda wi, wo: brdf(wi, wo), nodes=16, azimuths=64)

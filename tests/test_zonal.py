@@ -167,7 +167,7 @@ STEEP = {
 }
 
 
-@pytest.mark.parametrize("name", few(STEEP, ("unclamped-mirror", "kb-1-half", "kb-0-half")))
+@pytest.mark.parametrize("name", few(STEEP, ("kb-1-half", "kb-0-half")))
 def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(name):
     lobe = STEEP[name]
     right = slope_at_normal(lambda mu: value(mu, lobe))
@@ -191,7 +191,7 @@ def test_huge_powers_keep_their_digits(lobe, mu, right):
 
 
 @pytest.mark.parametrize("form", ["mirror", "half"])
-@pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (1, 7, 31, 53)))
+@pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (7, 53)))
 def test_bars_of_any_power_contain_the_closed_form(power, form):
     # At normal incidence, for lobes that end inside: (1 - v/e)^k with e = k/n times a polynomial in v.
     k = 2**power
