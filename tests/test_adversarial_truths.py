@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.quadrature.albedo import albedo
 
-# Seeds of each kind; more of those that are drawn from several formulas.
+# Seeds of each kind that run every time; there are more of those that are drawn from several formulas.
 SEEDS = (0, 1)
 VARIED: dict[str, Iterable[int]] = dict.fromkeys(
     ("catalogue lobe", "sum", "disc", "wedge", "many parameters", "plateau", "grazing limit", "divergence", "brushed"), range(7)
@@ -27,7 +27,7 @@ UNBOUNDED = ("pole", "divergence")
 def everyone(*, bounded: bool | None = None, classes: bool = True) -> list:
     """The kinds with their seeds; those alone whose albedo is bounded, or the others; without the package's own classes."""
     return [
-        pytest.param(kind, seed, id=f"{kind}-{seed}")
+        pytest.param(kind, seed, id=f"{kind}-{seed}", marks=[] if seed in SEEDS else [pytest.mark.slow])
         for kind in adversarial.kinds()
         if (classes or kind != "catalogue class") and bounded in (None, kind not in UNBOUNDED)
         for seed in VARIED.get(kind, SEEDS)
