@@ -246,11 +246,6 @@ def test_what_is_random_is_told(function):
         Evaluator(lambda: function, {}).disagreement({})
 
 
-@pytest.mark.parametrize("build", [traceable, wants_a_number, plain_numpy])
-def test_sound_functions_agree_with_themselves(build):
-    assert Evaluator(build, {"n": 2.0}).disagreement({"n": 3.0}) is None
-
-
 def test_directions_can_be_taken_one_by_one():
     evaluator = Evaluator(lambda: normalised_by_the_batch, {})
     assert evaluator.evaluated_alone()
@@ -371,17 +366,6 @@ def test_what_a_scan_sees_of_a_function_is_kept():
     assert bad is not None
     assert bad.wo[0] > 0.95
     assert 0 < albedo.seen.nonfinite < albedo.seen.values
-
-
-def test_points_are_evaluated_in_any_number_and_order():
-    albedo = PointwiseAlbedo(Family("phong", lambda n: Phong(n), {"n": (1.0, 100.0)}))
-    n = np.random.default_rng(3).uniform(1, 100, 300)
-    value, error = albedo(n[:, None], np.ones(300), np.zeros(300))
-    np.testing.assert_allclose(value, 2 * np.pi / (n + 2), rtol=1e-13)
-    assert np.all(error > 0)
-    assert albedo.evaluations % 300 == 0
-    single, _ = albedo(n[7:8, None], np.ones(1), np.zeros(1))
-    assert single == pytest.approx(value[7], rel=1e-15)
 
 
 def test_the_worst_channel_counts():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from types import ModuleType
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from problems import LOBES, facet_lobe, facet_tables, zonal_tables
+from selection import few
 
 from brdfcheck.brdf import catalog, lobes, microfacet
 from brdfcheck.brdf.base import FORMS, AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
@@ -23,18 +25,23 @@ VALIDATED = [entry.name for entry in catalog.entries() if entry.validated]
 PUBLISHED = [entry.name for entry in catalog.entries() if not entry.validated]
 
 
-@pytest.fixture(scope="module")
-def reports() -> dict[str, Report]:
+@functools.cache
+def report_of(name: str) -> Report:
     """Every entry, checked once."""
-    return {name: check(name) for name in catalog.names()}
+    return check(name)
 
 
 # --- the gate ---
 
 
-@pytest.mark.parametrize("name", VALIDATED)
-def test_validated_entries_conserve_and_have_no_defect(reports: dict[str, Report], name: str) -> None:
-    report = reports[name]
+# One of each lobe and of each masking; `brdfcheck check` goes through all.
+FAST = ("lambert", "phong", "blinn-phong", "schlick-mirror", "kuijk-blake-half", "lyon-2-half", "binomial-power-half")
+FAST += ("cook-torrance", "beckmann-smith", "ggx")
+
+
+@pytest.mark.parametrize("name", few(VALIDATED, FAST))
+def test_validated_entries_conserve_and_have_no_defect(name: str) -> None:
+    report = report_of(name)
     assert report.verdict is Verdict.CONSERVES
     assert report.findings == ()
     assert report.notes == ()
@@ -94,8 +101,8 @@ CLAIMS: dict[str, tuple[Verdict, object, object, object, tuple]] = {
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_claims_come_out_as_they_must(reports: dict[str, Report], name: str) -> None:
-    report = reports[name]
+def test_claims_come_out_as_they_must(name: str) -> None:
+    report = report_of(name)
     verdict, peak, place, angle, above = CLAIMS[name]
     assert report.verdict is verdict
     assert report.albedo == peak
@@ -112,10 +119,6 @@ def test_claims_come_out_as_they_must(reports: dict[str, Report], name: str) -> 
         assert "not reciprocal" in report.findings[0]
     else:
         assert report.findings == ()
-
-
-def test_every_claim_is_expected() -> None:
-    assert set(CLAIMS) == set(PUBLISHED)
 
 
 # --- the list itself ---
@@ -156,12 +159,6 @@ def test_unknown_names_are_answered_with_near_ones(name: str, near: str) -> None
     with pytest.raises(KeyError, match=near) as caught:
         catalog.entry(name)
     assert repr(name) in caught.value.args[0]
-
-
-def test_nothing_like_a_name_lists_all() -> None:
-    with pytest.raises(KeyError, match="known names: lambert, phong"):
-        catalog.entry("###")
-    assert catalog.entry("ggx").family.ranges == {"alpha": (0.05, 1.0)}
 
 
 def test_exponent_family() -> None:
@@ -235,31 +232,6 @@ def test_every_lobe_has_a_row_and_independent_values() -> None:
     assert not without_independent_value(zonal - {lobes.Lambert})  # Lambert's albedo is its reflectance
     assert set(zonal_tables()) == set(LOBES)
     assert facets <= {type(facet_lobe(*key)(0.5)) for key in facet_tables()}
-
-
-def test_a_forgotten_step_is_noticed() -> None:
-    class Forgotten(lobes.Phong.__base__):  # pyright: ignore
-        n: object
-        form: str
-
-        def __init__(self, n, form="mirror"):
-            self.n, self.form = n, form
-
-        def profile(self, versine):
-            return versine
-
-        def width(self):
-            return self.n
-
-        def breaks(self):
-            return self.n
-
-    assert without_catalogue_row({Forgotten, lobes.Phong}) == {Forgotten}
-    assert {form for _, form, _ in without_independent_value({Forgotten, lobes.Phong})} == {"mirror", "half"}
-    assert without_independent_value({lobes.Lambert})
-    module = ModuleType(Forgotten.__module__)
-    module.Forgotten = Forgotten  # pyright: ignore[reportAttributeAccessIssue]
-    assert final_classes(module, AbstractZonalLobe) == {Forgotten}
 
 
 # --- wherever one looks ---

@@ -7,7 +7,6 @@ import importlib
 import io
 import json
 import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -22,7 +21,7 @@ from rich.console import Console
 import brdfcheck
 from brdfcheck import cli
 from brdfcheck.brdf import catalog
-from brdfcheck.cli import ExitCode, listing, output
+from brdfcheck.cli import ExitCode, output
 from brdfcheck.cli import process as running
 from brdfcheck.output import text as console
 
@@ -135,26 +134,6 @@ def test_a_function_that_conserves_passes(run: Run, mine: str) -> None:
     assert "printed on import" in err
 
 
-def test_2_where_interrupted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(*_: object) -> int:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(listing, "filtered", interrupt)
-    assert run("list") == (ExitCode.INTERRUPTED, "", "brdfcheck: interrupted\n")
-
-
-def test_2_leaves_nothing_while_something_long_runs(here: Path) -> None:
-    (here / "slow.py").write_text("import time\ndef brdf(wi, wo):\n    print('started', flush=True)\n    time.sleep(60)\n")
-    with started("check", "slow.py", "--json", "out.json") as command:
-        assert command.stderr
-        while "started" not in command.stderr.readline():
-            pass
-        command.send_signal(signal.SIGINT)
-        assert command.communicate(timeout=15)[1] == "brdfcheck: interrupted\n"
-    assert command.returncode == ExitCode.INTERRUPTED
-    assert set(os.listdir(here)) <= {"slow.py", "__pycache__"}
-
-
 def test_3_for_an_internal_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("planted")
@@ -230,20 +209,6 @@ def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
     assert "1 conserves" in err
 
 
-def test_effort_is_that_of_the_search_and_in_the_record(run: Run) -> None:
-    points = {}
-    for effort in ("quick", "normal"):
-        code, out, _ = run("check", "phong", "--effort", effort, "--json", "-")
-        assert code == ExitCode.PASSED
-        record = json.loads(out)
-        (result,) = record["results"]
-        assert record["settings"]["effort"] == result["effort"] == effort
-        assert result["settled"]
-        assert result["width"]
-        points[effort] = result["points"]
-    assert 0 < points["quick"] < points["normal"]
-
-
 def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     code, out, _ = run("check", "lambert", f"{mine}:raises")
@@ -314,32 +279,6 @@ def test_python_dash_m_and_a_reader_that_goes_away() -> None:
         assert command.stderr
         assert command.stderr.read() == ""
     assert command.returncode == ExitCode.PASSED
-
-
-def test_the_work_goes_on_without_a_reader(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    with open(tmp_path / "out", "w") as stream:
-
-        def broken(_: str) -> int:
-            raise BrokenPipeError
-
-        monkeypatch.setattr(sys, "stdout", stream)
-        with monkeypatch.context() as patch:
-            patch.setattr(output.Output, "_write", staticmethod(lambda where, text: cli_write(where, text)))
-
-            def cli_write(where: io.TextIOWrapper, text: str) -> None:
-                with output.quiet_when_unread(where):
-                    broken(text)
-
-            assert cli.run(["check", "phong", "--json", str(tmp_path / "out.json")]) == ExitCode.PASSED
-    assert json.loads((tmp_path / "out.json").read_text())["summary"]["conserve"] == 1
-    assert (tmp_path / "out").read_text() == ""
-
-
-def test_a_name_that_the_encoding_lacks(here: Path) -> None:
-    (here / "größe.py").write_text("def brdf(wi, wo): raise ValueError('größer')\n", encoding="utf-8")
-    with started("check", "größe.py", environment={"PYTHONIOENCODING": "ascii"}) as command:
-        assert "gr\\xf6\\xdfer" in command.communicate(timeout=120)[0]
-    assert command.returncode == ExitCode.FAILED
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
@@ -488,13 +427,3 @@ def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
 
 
 # --- the package's public names ---
-
-
-def test_public_names_are_found_lazily() -> None:
-    assert set(brdfcheck.__all__) <= set(dir(brdfcheck))
-    for name in brdfcheck.__all__:
-        assert getattr(brdfcheck, name) is not None
-    assert brdfcheck.albedo is sys.modules["brdfcheck.quadrature.albedo"].albedo
-    assert brdfcheck.brdf.catalog is catalog
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = brdfcheck.nothing  # pyright: ignore[reportAttributeAccessIssue]

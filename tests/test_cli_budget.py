@@ -50,13 +50,6 @@ def test_a_budget_with_all_its_files(scene, tmp_path, capsys):
     assert files["images.png"].read_bytes().startswith(b"\x89PNG")
 
 
-def test_json_alone_on_stdout(scene, capsys):
-    assert run(["budget", str(scene), "--json", "-", "--tolerance", "1"]) == 0
-    out = capsys.readouterr()
-    assert json.loads(out.out)["summary"]["saving"] > 0
-    assert "verified" in out.err
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

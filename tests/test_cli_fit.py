@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized
@@ -51,7 +52,7 @@ def test_plain_text(run: Run) -> None:
     assert "verdict   CONSERVES over all angles" in out
 
 
-@pytest.mark.parametrize("name", ["binomial-power-half", "schlick-mirror", "lyon-1-mirror", "phong"])
+@pytest.mark.parametrize("name", few(["binomial-power-half", "schlick-mirror", "lyon-1-mirror", "phong"], ("schlick-mirror",)))
 def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
     found = re.search(r"A = (-?[\d.]+), B = ([\d.]+)", run("fit", name)[1])
     assert found
@@ -66,37 +67,6 @@ def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
     report = check(build, n=(1, 1000))
     assert report.verdict is Verdict.CONSERVES
     assert report.albedo > 1 - 1e-4
-
-
-def test_a_falling_factor_to_copy_conserves(run: Run) -> None:
-    out = run("fit", "binomial-power-unclamped", "--n", "100:130")[1]
-    assert "factor (133.5" in out
-    assert re.search(r"smallest  albedo 6\.18\d+e-13 ", out)
-    found = re.search(r"A = (-[\d.]+), B = (-[\d.]+)", out)
-    assert found
-    factor = Factor(float(found[1]), float(found[2]))
-    report = check(lambda n: Normalized(catalog.entry("binomial-power-unclamped").family.build(n=n).lobe, factor), n=(100, 130))
-    assert report.verdict is Verdict.CONSERVES
-    assert 1 - 1e-3 < report.albedo <= 1
-
-
-def test_wide_and_narrow_ranges(run: Run) -> None:
-    code, out, _ = run("fit", "phong", "--n", "1:1e10", "--ladder")
-    assert code == ExitCode.PASSED
-    assert "factor (n + 2)/6.283185307  (minimax over n=1:1e10)" in out
-    assert re.search(r"^ +\(n\+A\)/B .* none  +-  CONSERVES", out, re.MULTILINE)
-    for n in ("100000:100000.000001", "1000:1000.0000001"):
-        code, out, err = run("fit", "phong", "--n", n)
-        assert (code, err) == (ExitCode.PASSED, "")
-        assert "smallest  albedo 1.0000000000" in out
-
-
-def test_a_factor_beyond_float_is_refused_by_glsl(run: Run, tmp_path: Path) -> None:
-    path = tmp_path / "factor.glsl"
-    code, _, err = run("fit", "binomial-power-unclamped", "--n", "1:100000", "--export", "glsl", str(path))
-    assert (code, err.count("\n")) == (ExitCode.USAGE_ERROR, 1)
-    assert "cannot be held by a float" in err
-    assert not path.exists()
 
 
 def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
@@ -114,14 +84,7 @@ def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
     assert record["versions"]["optimistix"]
 
 
-def test_json_alone_on_stdout(run: Run) -> None:
-    code, out, err = run("fit", "phong", "--n", "1:10", "--json", "-")
-    assert code == ExitCode.PASSED
-    assert json.loads(out)["results"][0]["factor"]["A"] == pytest.approx(2)
-    assert "CONSERVES" in err
-
-
-@pytest.mark.parametrize("kind", ["glsl", "c", "csv", "npy", "exr"])
+@pytest.mark.parametrize("kind", few(["glsl", "c", "csv", "npy", "exr"], ("glsl", "npy")))
 def test_exports(run: Run, tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"table.{kind}"
     code, out, _ = run("fit", "lyon-2-half", "--n", "1:200", "--export", kind, str(path))
@@ -142,20 +105,10 @@ def test_exports(run: Run, tmp_path: Path, kind: str) -> None:
         assert np.load(path).shape == (64, 64)
 
 
-def test_source_text_on_stdout(run: Run) -> None:
-    code, out, err = run("fit", "phong", "--n", "1:100", "--export", "glsl", "-")
-    assert code == ExitCode.PASSED
-    assert out.startswith("//")
-    assert "exported  stdout" in err
-
-
 def test_your_own_lobe(run: Run, mine: str) -> None:
     code, out, _ = run("fit", f"{mine}:plain", "--n", "1:50")
     assert code == ExitCode.PASSED
     assert "factor (n + 2)/6.283185307" in out
-    code, out, _ = run("fit", f"{mine}:glossy", "--n", "1:3", "--over", "ks=0.5")
-    assert code == ExitCode.PASSED
-    assert "factor (n + 2)/3.141592654" in out
     code, out, _ = run("fit", f"{mine}:negative", "--n", "1:3")
     assert code == ExitCode.USAGE_ERROR
 
@@ -164,10 +117,6 @@ def test_least_squares_says_that_b_was_enlarged(run: Run) -> None:
     _, out, _ = run("fit", "binomial-power-raw", "--objective", "least-squares", "--sampling", "integers")
     assert "as fitted (n + 5.992119078)/23.78081092  reaches 1.0336561323: B was enlarged until it conserves" in out
     assert "factor (n + 5.992119078)/24.58118104" in out
-
-
-def test_waste_is_remarked(run: Run) -> None:
-    assert "grows like 6.281 ln n" in run("fit", "schlick-mirror", "--n", "1:100000")[1]
 
 
 def test_a_family_with_free_parameters_is_refused(run: Run, mine: str) -> None:
@@ -180,9 +129,3 @@ def test_a_family_with_free_parameters_is_refused(run: Run, mine: str) -> None:
     code, _, err = run("fit", f"{mine}:raises")
     assert code == ExitCode.USAGE_ERROR
     assert "boom" in err
-
-
-def test_the_lobe_is_the_catalogues(run: Run) -> None:
-    """The factor that an entry carries is taken off: three entries of one lobe give one fit."""
-    lines = {run("fit", name)[1].splitlines()[0].split("  ")[1] for name in ("binomial-power-half", "binomial-power-raw")}
-    assert len(lines) == 1

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from selection import few
 
 import brdfcheck
 from brdfcheck import cli
@@ -74,9 +75,7 @@ def test_the_default_is_an_svg_of_the_kinds_name(run: Run, here: Path) -> None:
     assert os.listdir(here) == ["albedo-vs-n.svg"]
 
 
-@pytest.mark.parametrize(
-    ("suffix", "head"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")]
-)
+@pytest.mark.parametrize(("suffix", "head"), [(".pdf", b"%PDF"), (".PNG", b"\x89PNG")])
 def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: bytes) -> None:
     words = ("plot", "albedo-vs-angle", "phong", "--n", "1,10", *SMALL, "-o", f"x{suffix}")
     assert run(*words)[0] == ExitCode.PASSED
@@ -86,7 +85,7 @@ def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: 
     assert (here / f"x{suffix}").read_bytes() == first
 
 
-@pytest.mark.parametrize("kind", ["albedo-vs-n", "albedo-vs-angle", "heatmap", "factor"])
+@pytest.mark.parametrize("kind", few(["albedo-vs-n", "albedo-vs-angle", "heatmap", "factor"], ("albedo-vs-n", "factor")))
 def test_every_kind_from_names_and_again_from_its_record(run: Run, here: Path, kind: str) -> None:
     words = ("plot", kind, "blinn-phong-8", "binomial-power-half", "--n", "1:100", *SMALL)
     code, out, err = run(*words, "--json", "r.json")
@@ -110,16 +109,7 @@ def test_a_record_is_plotted_without_jax(here: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
-    code, out, err = run("plot", "albedo-vs-n", f"{mine}:planted", "--over", "n=1:50", *SMALL, "--json", "-")
-    assert code == ExitCode.PASSED
-    (result,) = json.loads(out)["results"]
-    assert result["above"] == [[1.0, 50.0]]
-    assert result["origin"] == "user"
-    assert "printed on import" in err
-    assert "wrote albedo-vs-n.svg" in err
-
-
+@pytest.mark.slow
 def test_a_function_over_angles(run: Run, mine: str) -> None:
     code, out, _ = run("plot", "albedo-vs-angle", f"{mine}:flat", *SMALL)
     assert code == ExitCode.PASSED
@@ -218,19 +208,6 @@ def test_options_that_a_record_cannot_answer(run: Run, here: Path) -> None:
         assert "a record holds what was computed" in err
 
 
-def test_a_full_disk(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    code, _, err = run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL)
-    assert code == ExitCode.USAGE_ERROR
-    assert "No space left on device" in err
-    code, _, err = run("study", "raw_albedo", "--size", "small")
-    assert code == ExitCode.USAGE_ERROR
-    assert err == "brdfcheck: --out: cannot write 'reports': No space left on device\n"
-
-
 # --- studies ---
 
 
@@ -285,6 +262,7 @@ def test_studies_end_with_their_command(tmp_path: Path, number: signal.Signals) 
                 os.kill(int(file.read_text()), 0)
 
 
+@pytest.mark.slow
 def test_one_study_that_fails_does_not_stop_the_others(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from brdfcheck import studies
 

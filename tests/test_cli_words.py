@@ -187,14 +187,6 @@ def test_debug_shows_where_a_word_was_refused(run: Run, monkeypatch: pytest.Monk
     assert err.splitlines()[-1].startswith("brdfcheck: --jobs: must be at least 1; got 0")
 
 
-def test_ctrl_c_while_the_words_are_read(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(_: str) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(words, "trouble_with", stop)
-    assert run("list", "--json", "x.json") == (ExitCode.INTERRUPTED, "", "brdfcheck: interrupted\n")
-
-
 # --- the grammar of ranges, parameters, sizes, shares ---
 
 names = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,8}", fullmatch=True)

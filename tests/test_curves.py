@@ -8,6 +8,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 import brdfcheck
 from brdfcheck import BinomialPower, Factor, Family, Normalized, Phong, plots
@@ -32,15 +33,7 @@ def test_the_raw_lobe_crosses_the_line_at_18_588():
     assert values[1000] == pytest.approx(0.02355, abs=5e-6)
 
 
-def test_the_interval_is_the_verdicts():
-    curve = curves.albedo_vs_n("binomial-power-published", samples=5)
-    report = brdfcheck.check("binomial-power-published")
-    assert [tuple(interval) for interval in curve["above"]] == list(report.above or ())
-    assert curve["verdict"] == "VIOLATES"
-    assert max(curve["albedo"]) == pytest.approx(report.albedo, abs=1e-11)
-
-
-@pytest.mark.parametrize("name", ["phong-classical", "cook-torrance", "binomial-power-half"])
+@pytest.mark.parametrize("name", few(["phong-classical", "cook-torrance", "binomial-power-half"], ("phong-classical",)))
 def test_the_largest_over_the_angles_is_no_grid_value(name):
     """Against the continuous maximum of `check` at one value of the parameter."""
     ((parameter, _),) = brdfcheck.brdf.catalog.entry(name).family.ranges.items()
@@ -49,13 +42,6 @@ def test_the_largest_over_the_angles_is_no_grid_value(name):
     report = brdfcheck.check(name, **{parameter: (x, x)})
     assert value == pytest.approx(report.albedo, abs=1e-6)
     assert curve["worst_cos_theta"][1] == pytest.approx(report.cos_theta, abs=1e-2)
-
-
-def test_a_single_exponent():
-    curve = curves.albedo_vs_n("binomial-power-published", n=(17, 17))
-    assert curve["x"] == [17]
-    assert curve["above"] == [[17, 17]]
-    assert curves.albedo_vs_n("phong", n=(17, 17))["above"] == []
 
 
 def test_over_angles_the_ends_are_where_the_albedo_is_1():
@@ -68,18 +54,6 @@ def test_over_angles_the_ends_are_where_the_albedo_is_1():
     assert curves.albedo_vs_angle("phong", samples=9, n=10.0)["above"] == []
     raw = curves.albedo_vs_angle("binomial-power-raw", samples=9, n=1.0)
     assert raw["above"] == [[0, 1]]
-
-
-def test_the_albedo_of_phong_over_angles():
-    curve = curves.albedo_vs_angle("phong", samples=9, n=2.0)
-    mu = np.array(curve["x"])
-    np.testing.assert_allclose(curve["albedo"], (1 + mu) ** 2 / 4, rtol=1e-11)
-
-
-def test_heat_map_cells_are_albedos():
-    curve = curves.heatmap("phong", samples=4, n=(1, 64))
-    table = brdfcheck.albedo_table("phong", np.array(curve["x"]), np.array(curve["cosines"]))
-    np.testing.assert_allclose(curve["albedo"], np.asarray(table.value), rtol=1e-9)
 
 
 def test_factors_against_the_largest_conserving_one():
@@ -104,6 +78,7 @@ def test_a_fit_as_a_curve():
         curves.fitted("factor", "phong", {**result, "factor": {"form": "Odd"}})
 
 
+@pytest.mark.slow
 def test_a_function_has_intervals_too():
     """f = c/pi with c = n/10 exceeds 1 for n > 10; the engine is the adaptive one."""
     curve = curves.albedo_vs_n(lambda n: lambda wi, wo: n / 10 / jnp.pi + 0 * wo[..., 2], samples=3, n=(1, 30))
@@ -122,7 +97,7 @@ def test_held_parameters_and_intervals():
     assert curve["held"] == {"k": 24.55}
 
 
-@pytest.mark.parametrize("kind", list(curves.KINDS))
+@pytest.mark.parametrize("kind", few(curves.KINDS, ("albedo-vs-angle", "heatmap")))
 def test_curves_are_strict_json(kind):
     options = {"n": 10.0} if kind == "albedo-vs-angle" else {"n": (1, 100)}
     curve = curves.KINDS[kind]("binomial-power-unclamped", samples=5, **options)

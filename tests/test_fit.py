@@ -7,6 +7,7 @@ import functools
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from selection import few
 
 import brdfcheck
 from brdfcheck.brdf import catalog
@@ -14,7 +15,7 @@ from brdfcheck.brdf.exact_factors import exact_factor
 from brdfcheck.brdf.factors import Factor, Normalized, RationalFactor
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
-from brdfcheck.fits.factor import OBJECTIVES, RawAlbedo, certify, describe, fit_factor, fit_form, to_json_object
+from brdfcheck.fits.factor import OBJECTIVES, RawAlbedo, certify, describe, fit_factor, to_json_object
 from brdfcheck.fits.minimax import spread
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict
@@ -36,6 +37,9 @@ LOBES = [
     "binomial-power-half",
     "binomial-power-mirror",
 ]
+
+# One of each lobe, in both forms where it has two.
+FAST = ("phong", "blinn-phong", "schlick-half", "kuijk-blake-mirror", "lyon-2-half", "lyon-3-mirror", "binomial-power-half")
 
 
 @functools.cache
@@ -61,8 +65,8 @@ def optimum(name: str, low: float, high: float) -> tuple[float, float, float]:
     return y / x * high, high / x, smallest
 
 
-@pytest.mark.parametrize("limits", [(1.0, 1000.0), (1.0, 1e5), (3.0, 50.0)])
-@pytest.mark.parametrize("name", LOBES)
+@pytest.mark.parametrize("limits", few([(1.0, 1000.0), (1.0, 1e5), (3.0, 50.0)], ((1.0, 1000.0),)))
+@pytest.mark.parametrize("name", few(LOBES, FAST))
 def test_minimax_is_the_optimum_of_the_linear_program(name, limits):
     a, b, smallest = optimum(name, *limits)
     fit = fit_factor(name, limits)
@@ -87,7 +91,7 @@ def test_the_published_optima():
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_every_result_conserves_and_touches_the_line(objective):
-    for target in ("binomial-power-raw", "schlick-half", BlinnPhong):
+    for target in ("schlick-half", BlinnPhong):
         fit = fit_factor(target, (1, 500), objective)
         assert fit.verdict is Verdict.CONSERVES
         assert fit.report.passed
@@ -177,7 +181,7 @@ def test_a_lobe_that_explodes_still_gets_a_conserving_factor():
     assert "90 degrees" in fit.remark
 
 
-@pytest.mark.parametrize("high", [1e10, 1e12])
+@pytest.mark.parametrize("high", few([1e10, 1e12], (1e12,)))
 @pytest.mark.parametrize("name", ["phong", "blinn-phong", "lyon-1-mirror", "binomial-power-half"])
 def test_ranges_of_many_decades(name, high):
     """A line is level where n times the raw albedo is, however many decades the raw albedo spans."""
@@ -189,8 +193,8 @@ def test_ranges_of_many_decades(name, high):
     assert not fit.remark
 
 
-@pytest.mark.parametrize("width", [0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-3])
-@pytest.mark.parametrize("name", ["phong", "blinn-phong", "schlick-half", "binomial-power-half"])
+@pytest.mark.parametrize("width", few([0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-3], (0.0, 1e-12, 1e-6)))
+@pytest.mark.parametrize("name", few(["phong", "schlick-half", "binomial-power-half"], ("phong", "schlick-half")))
 def test_narrow_ranges(name, width):
     for low in (10.0, 1000.0, 1e5):
         fit = fit_factor(name, (low, low * (1 + width)))
@@ -198,21 +202,6 @@ def test_narrow_ranges(name, width):
         assert fit.smallest == pytest.approx(1, abs=1e-8 + width**2)
         assert fit.peak - fit.peak_error <= 1
         assert fit.verdict is Verdict.CONSERVES
-
-
-@pytest.mark.parametrize("objective", OBJECTIVES)
-def test_a_narrow_range_of_any_objective(objective):
-    fit = fit_factor("phong", (1e5, 1e5 + 1e-6), objective)
-    assert fit.smallest == pytest.approx(1, abs=1e-8)
-    assert fit.verdict is Verdict.CONSERVES
-
-
-def test_narrow_ranges_of_other_forms():
-    raw = RawAlbedo("blinn-phong", (1000.0, 1000.0 * (1 + 1e-7)))
-    for degrees in ((0, 0), (1, 0, 1), (1, 0), (2, 1), (3, 2)):
-        fit = fit_form(raw, degrees)
-        assert fit.smallest == pytest.approx(1, abs=1e-6)
-        assert fit.peak - fit.peak_error <= 1
 
 
 def test_the_best_line_falls_where_the_raw_albedo_rises():
@@ -233,27 +222,18 @@ def test_the_best_line_falls_where_the_raw_albedo_rises():
     assert describe(fit.factor, 6) == "(133.51 - n)/5.81463e+12"
 
 
-def test_the_largest_albedo_is_at_most_1_within_its_own_error():
-    """Also where the tolerance of a linear program is more than that."""
-    for name, limits in (("blinn-phong", (10, 10.001)), ("lyon-2-half", (7, 9)), ("schlick-half", (1, 1000))):
-        fit = fit_factor(name, limits)
-        assert fit.peak - fit.peak_error <= 1
-        assert fit.peak >= 1 - 1e-9
-
-
-def test_one_exponent_and_zero():
-    for low, high in ((10.0, 10.0), (0.0, 0.0), (0.0, 20.0)):
-        fit = fit_factor(BlinnPhong, (low, high))
-        assert fit.verdict is Verdict.CONSERVES
-        assert fit.peak == pytest.approx(1, abs=1e-9)
-        if low == high:
-            assert fit.smallest == pytest.approx(1, abs=1e-9)
-
-
 def test_users_families():
     def glossy(n, ks):
         return Normalized(Phong(n), Factor(2.0, 2 * np.pi / ks))
 
+    fit = fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0.5, 0.5)}), (1, 100))
+    assert float(fit.factor.B) == pytest.approx(2 * np.pi, rel=1e-9)
+    with pytest.raises(ValueError, match="hold ks at one value, not 0:1"):
+        fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0, 1)}))
+
+
+@pytest.mark.slow
+def test_users_functions():
     def function(n):
         def f(wi, wo):
             cosine = np.maximum(wi[..., 2] * wo[..., 2] - wi[..., 0] * wo[..., 0] - wi[..., 1] * wo[..., 1], 0)
@@ -261,34 +241,9 @@ def test_users_families():
 
         return f
 
-    fit = fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0.5, 0.5)}), (1, 100))
-    assert float(fit.factor.B) == pytest.approx(2 * np.pi, rel=1e-9)
-    with pytest.raises(ValueError, match="hold ks at one value, not 0:1"):
-        fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0, 1)}))
     slow = fit_factor(function, (1, 4))
     assert float(slow.factor.A) == pytest.approx(2, rel=1e-3)
     assert slow.verdict is Verdict.CONSERVES
-
-
-def test_works_in_single_precision_too():
-    import subprocess
-    import sys
-
-    code = "import brdfcheck; f = brdfcheck.fit_factor('blinn-phong'); print(f'{float(f.factor.A):.4f} {f.verdict.name}')"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.split() == ["7.8025", "CONSERVES"]
-
-
-def test_other_forms():
-    raw = RawAlbedo("binomial-power-half", (1, 1000))
-    smallest = []
-    for degrees in ((0, 0), (1, 0, 1), (1, 0), (2, 1), (3, 2)):
-        fit = fit_form(raw, degrees)
-        assert fit.verdict is Verdict.CONSERVES
-        smallest.append(fit.smallest)
-    assert np.all(np.diff(smallest) > 0)
-    assert smallest[3] == pytest.approx(0.99476, abs=5e-5)
-    assert isinstance(fit.factor, RationalFactor)
 
 
 def test_certify_enlarges_b_by_the_peak():

@@ -7,14 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from problems import brute_force, facet_lobe, facet_tables, slope_at_normal
+from selection import few
 
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.quadrature.albedo import albedo
 
 TABLES = facet_tables()
+# Each distribution and each masking once, with and without a Fresnel term.
+FAST = ("beckmann-v-cavities-1.0", "beckmann-smith-separable-1.0", "ggx-smith-correlated-1.0", "beckmann-v-cavities-0.04")
 
 
-@pytest.mark.parametrize("kind", TABLES, ids=lambda kind: "-".join(map(str, kind)))
+@pytest.mark.parametrize("kind", few(TABLES, FAST, lambda kind: "-".join(map(str, kind))))
 def test_accuracy_and_honest_error_bar(kind):
     table = TABLES[kind]
     lobes = jax.vmap(facet_lobe(*kind))(jnp.asarray(table.m))
@@ -23,12 +26,6 @@ def test_accuracy_and_honest_error_bar(kind):
     assert np.max(error) <= 5e-10
     assert np.all(error <= np.asarray(result.error))
     assert np.max(np.asarray(result.error)) <= 1e-7
-
-
-def test_the_grazing_needle_is_not_missed():
-    # Where general adaptive integration reports .0056 and success (separable Smith masking).
-    lobe = CookTorrance(1 / 64, masking="smith-separable")
-    assert albedo(lobe, 1 / 64).value == pytest.approx(0.9136679212, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -44,25 +41,9 @@ def test_published_figures_of_the_correct_cook_torrance_form(m, expected):
         assert albedo(CookTorrance(m), mu).value == pytest.approx(value, abs=1.1e-6)
 
 
-@pytest.mark.parametrize(("degrees", "expected"), [(0, 4.0), (60, 3.862), (75, 3.710), (89, 3.966)])
-def test_published_form_reflects_up_to_four_times_the_light(degrees, expected):
-    mu = np.cos(np.radians(degrees))
-    assert albedo(CookTorrance(0.2, convention="published"), mu).value == pytest.approx(expected, abs=6e-4)
-
-
-def test_without_masking_grazing_light_is_multiplied():
-    mu = np.cos(np.radians(89))
-    assert albedo(CookTorrance(0.4, masking="none"), mu).value == pytest.approx(6.9731594561, rel=1e-9)
-
-
 def test_ggx_closed_form():
     assert albedo(GGX(1.0), 1.0).value == pytest.approx(1 - np.log(2), abs=1e-10)
     assert albedo(GGX(1.0, masking="v-cavities"), 1.0).value == pytest.approx(0.375, abs=1e-10)
-
-
-def test_grazing_limit_is_finite_and_continuous():
-    for lobe in (CookTorrance(0.4), CookTorrance(0.4, masking="smith-correlated"), GGX(0.3)):
-        assert albedo(lobe, 0.0).value == pytest.approx(float(albedo(lobe, 1e-7).value), abs=1e-5)
 
 
 @pytest.mark.slow
@@ -82,25 +63,17 @@ def test_against_brute_force_over_the_outgoing_hemisphere(lobe):
         assert albedo(lobe, mu).value == pytest.approx(brute_force(lobe, mu, count=800), abs=2e-4)
 
 
-def test_channels():
-    lobe = GGX(0.4, jnp.array([0.04, 0.5, 1.0]))
-    result = albedo(lobe, jnp.array([1.0, 0.3]))
-    assert result.value.shape == result.error.shape == (2, 3)
-    single = [albedo(GGX(0.4, f0), jnp.array([1.0, 0.3])).value for f0 in (0.04, 0.5, 1.0)]
-    np.testing.assert_allclose(result.value, np.stack(single, axis=-1), rtol=1e-12)
-
-
 def test_float32_is_honest():
     m = jnp.asarray([0.1, 0.3, 1.0], jnp.float32)
     mu = jnp.asarray([0.2, 0.9, 0.5], jnp.float32)
-    for kind in (("beckmann", "smith-separable", 1.0), ("ggx", "smith-correlated", 1.0), ("beckmann", "v-cavities", 1.0)):
-        lobes = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), jax.vmap(facet_lobe(*kind))(m))
-        single = jax.vmap(albedo)(lobes, mu)
-        double = jax.vmap(albedo)(jax.vmap(facet_lobe(*kind))(m.astype(jnp.float64)), mu.astype(jnp.float64))
-        error = np.abs(np.asarray(single.value, float) - np.asarray(double.value))
-        assert single.value.dtype == jnp.float32
-        assert np.all(error <= np.asarray(single.error))
-        assert np.max(error) <= 1e-5
+    build = facet_lobe("ggx", "smith-correlated", 1.0)
+    lobes = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), jax.vmap(build)(m))
+    single = jax.vmap(albedo)(lobes, mu)
+    double = jax.vmap(albedo)(jax.vmap(build)(m.astype(jnp.float64)), mu.astype(jnp.float64))
+    error = np.abs(np.asarray(single.value, float) - np.asarray(double.value))
+    assert single.value.dtype == jnp.float32
+    assert np.all(error <= np.asarray(single.error))
+    assert np.max(error) <= 1e-5
 
 
 @pytest.mark.slow

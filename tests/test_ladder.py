@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, Normalized, Proportional, RationalFactor
 from brdfcheck.brdf.lobes import KuijkBlake, Phong
@@ -13,7 +14,7 @@ from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict
 
 
-@pytest.mark.parametrize("name", ["binomial-power-half", "schlick-mirror", "lyon-1-half"])
+@pytest.mark.parametrize("name", few(["binomial-power-half", "schlick-mirror", "lyon-1-half"], ("schlick-mirror",)))
 def test_rungs_rise_in_cost_and_fall_in_loss(name):
     rungs = factor_ladder(name, measure=False)
     assert [rung.form for rung in rungs] == [*(form for form, _ in FORMS), CLOSED_FORM]
@@ -25,6 +26,7 @@ def test_rungs_rise_in_cost_and_fall_in_loss(name):
     assert losses[5] < 1e-12
 
 
+@pytest.mark.slow
 def test_a_rungs_loss_is_what_the_albedo_shows():
     for rung in factor_ladder(KuijkBlake, (1, 50), measure=False):
         n = rung.smallest_n

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from selection import few
 from test_geometry import near_mirror, random_directions
 
-from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PhongExact
+from brdfcheck.brdf.factors import BlinnPhongExact, Normalized
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
@@ -57,6 +58,8 @@ FORMULAS: dict[str, tuple[Callable, str, Callable]] = {
         lambda c, n: (1 + n / 16 * (c - 1)) ** 16,
     ),
 }
+# One of each lobe.
+FAST = ("phong", "schlick-half", "kuijk-blake-half", "lyon-2-mirror", "binomial-half", "unclamped")
 CLAMPED = [name for name in FORMULAS if "unclamped" not in name]
 
 
@@ -151,7 +154,7 @@ def test_exponent_zero_is_a_constant() -> None:
     assert BlinnPhong(2.0).profile(one) == Schlick(2.0, "half").profile(one) == 0
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("name", few(FORMULAS, FAST))
 def test_shapes_broadcast(name: str) -> None:
     lobe = FORMULAS[name][0](12.0)
     wi, wo = random_directions(6, 1).reshape(2, 3, 3), random_directions(3, 2)
@@ -163,7 +166,7 @@ def test_shapes_broadcast(name: str) -> None:
     assert lobe(wi[0, 0], wo).shape == (3,)
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("name", few(FORMULAS, FAST))
 def test_a_batch_of_lobes_is_the_loop(name: str) -> None:
     build = FORMULAS[name][0]
     n = np.array([0.5, 8.0, 300.0])
@@ -306,8 +309,10 @@ ALL: dict[str, Callable] = {
 
 
 @eqx.filter_jit
-def _both_ways(n: jax.Array, wi: jax.Array, wo: jax.Array) -> dict[str, tuple[jax.Array, jax.Array]]:
-    return {name: (build(n)(wi, wo), build(n)(wo, wi)) for name, build in ALL.items()}
+def _both_ways(n: jax.Array, wi: jax.Array, wo: jax.Array) -> dict[str, jax.Array]:
+    """Of each lobe f(wi, wo) and f(wo, wi)."""
+    there, back = jnp.stack([wi, wo]), jnp.stack([wo, wi])
+    return {name: build(n)(there, back) for name, build in ALL.items()}
 
 
 exponents = st.floats(-2, 7).map(lambda x: 10.0**x)
@@ -344,12 +349,6 @@ def test_reciprocal_positive_and_finite(n: float, pairs: list[tuple[float, float
 
 
 RAW = {name: PointwiseAlbedo(Family(name, ALL[name], {"n": (0.01, 1e7)})) for name in ALL if name in CLAMPED}
-VALIDATED = {
-    "phong": (lambda n: Normalized(Phong(n), PhongExact()), 0.01, 1e7),
-    "blinn-phong": (lambda n: Normalized(BlinnPhong(n), BlinnPhongExact()), 0.01, 1e7),
-    "blinn-phong-6": (lambda n: Normalized(BlinnPhong(n), Factor(6, 8 * np.pi)), 0.0, 1e7),
-    "binomial": (lambda n: Normalized(BinomialPower(n), Factor(7.2427, 26.1702)), 1.0, 1000.0),
-}
 
 
 @UNSHRUNK
@@ -363,21 +362,10 @@ def test_raw_albedo_of_a_lobe_with_peak_one_lies_between_zero_and_pi(points: lis
         assert np.all(error <= 1e-11 * value), name
 
 
-@UNSHRUNK
-@given(st.lists(st.tuples(st.floats(0, 1), cosines), min_size=1, max_size=64))
-def test_validated_factors_conserve_wherever_one_looks(points: list[tuple[float, float]]) -> None:
-    share, mu = np.array(points).T
-    for name, (build, low, high) in VALIDATED.items():
-        n = low + (high - low) * share**8
-        value, error = PointwiseAlbedo(Family(name, build, {"n": (low, high)}))(n[:, None], mu, np.zeros_like(mu))
-        assert np.all(value - error <= 1 + 1e-9), name
-        assert np.all(value > 0), name
-
-
 EXPONENTS = np.array([0.0, 1e-9, 1e-3, 0.1, 0.3, 0.5, 0.62, 0.63, 0.7, 0.999, 1.0, 1.5, 7.0, 16.0, 54.6, 300.0, 1e4, 1e7])
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("name", few(FORMULAS, FAST))
 def test_a_lobe_that_says_it_does_not_rise_does_not(name: str) -> None:
     build = FORMULAS[name][0]
     assert build(1.0).monotone == (name in CLAMPED)
@@ -395,13 +383,6 @@ def test_a_lobe_that_says_it_does_not_rise_does_not(name: str) -> None:
     found = jax.vmap(albedo, (0, None))(build(jnp.asarray(EXPONENTS)), cosines)
     value, error = np.asarray(found.value), np.asarray(found.error)
     assert np.all(value <= value[:, :1] + error + error[:, :1])
-
-
-def test_other_lobes_that_do_not_rise() -> None:
-    assert Lambert(0.5).monotone
-    assert Lyon(5.0, 16).monotone
-    assert BinomialPower(5.0, 2**20).monotone
-    assert not BinomialPower(5.0, clamped=False).monotone
 
 
 @pytest.mark.parametrize(("k", "clamped"), [(2**53 + 2, True), (66, False)])

@@ -99,7 +99,7 @@ def test_masking_only_takes_away(kind: str, masked: str) -> None:
         assert np.all(shadow <= np.asarray(BUILD[kind](1.0)(WI, WO)) / bare[bare > 1e-200] + 1e-14) or kind == "beckmann"
 
 
-@pytest.mark.parametrize("lobe", [*map(CookTorrance, (0.01, 0.2, 1.0, 3.0)), *map(GGX, (0.01, 0.2, 1.0, 3.0))], ids=repr)
+@pytest.mark.parametrize("lobe", [CookTorrance(0.01), GGX(3.0)], ids=repr)
 def test_facets_have_a_projected_area_of_one(lobe) -> None:
     # tan = slope x / (1 - x): the needle and the tail have the same share of the nodes.
     slope = float(lobe.m if isinstance(lobe, CookTorrance) else lobe.alpha)
@@ -137,15 +137,6 @@ def test_fresnel_at_the_ends() -> None:
         assert fresnel(jnp.asarray(1.0), jnp.asarray(0.3)) == pytest.approx(0.3, rel=1e-12)
     # No surface at all reflects nothing, but for the very last angle.
     np.testing.assert_allclose(fresnel_dielectric(jnp.asarray([0.1, 0.5, 1.0]), jnp.asarray(0.0)), 0, atol=1e-12)
-
-
-@pytest.mark.parametrize(("eta", "worst"), [(1.33, 0.060), (1.5, 0.036), (2.5, 0.082)])
-def test_schlicks_fresnel_is_off_by_the_known_amount(eta: float, worst: float) -> None:
-    f0 = jnp.asarray(((eta - 1) / (eta + 1)) ** 2)
-    angles = np.radians(np.linspace(0, 90, 9001))
-    difference = fresnel_schlick(jnp.cos(angles), f0) - fresnel_dielectric(jnp.cos(angles), f0)
-    assert np.max(np.abs(difference)) == pytest.approx(worst, abs=6e-4)
-    assert 80 < np.degrees(angles[np.argmax(np.abs(difference))]) < 88
 
 
 @pytest.mark.parametrize("fresnel", ["dielectric", "schlick"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import itertools
 import math
 import os
@@ -14,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from selection import few
 
 import brdfcheck
 from brdfcheck import plots
@@ -197,7 +200,7 @@ def test_angles_run_to_grazing_with_degrees():
     assert "phong, n = 10" in texts(plots.figure("albedo-vs-angle", [angle_curve(), angle_curve("ggx")]))
 
 
-@pytest.mark.parametrize("count", [1, 3, 6, 11])
+@pytest.mark.parametrize("count", few([1, 3, 6, 11], (1, 11)))
 def test_heat_maps(count):
     figure = plots.figure("heatmap", [heat_curve(f"f{i}", top=1.3 if i % 2 == 0 else 0.6) for i in range(count)])
     said = texts(figure)
@@ -233,7 +236,7 @@ def test_a_heat_map_far_above_1_shows_its_structure(low, high):
     assert counts.max() < 0.7 * values.size
 
 
-@pytest.mark.parametrize("top", [0.004, 0.9999, 1.0, 1.0005, 40.0, 1e29, np.nan])
+@pytest.mark.parametrize("top", few([0.004, 0.9999, 1.0, 1.0005, 40.0, 1e29, np.nan], (0.004, 1.0005, 1e29, np.nan)))
 def test_heat_maps_of_any_height(top):
     curve = heat_curve(top=1.0)
     curve["albedo"] = [[str(top) if np.isnan(top) else top * value for value in row] for row in curve["albedo"]]
@@ -369,15 +372,14 @@ for kind, curves in (("albedo-vs-n", [PUBLISHED]), ("albedo-vs-angle", [angle_cu
 
 
 def test_the_same_bytes_in_every_process():
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-c", _RENDER], cwd=ROOT, check=True, capture_output=True, text=True, timeout=120,
-            env={**os.environ, "PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": seed},
-        ).stdout
-        for seed in ("1", "2")
-    ]  # fmt: skip
-    assert outputs[0] == outputs[1]
-    assert len(outputs[0].splitlines()) == 5
+    there = subprocess.run(
+        [sys.executable, "-c", _RENDER], cwd=ROOT, check=True, capture_output=True, text=True, timeout=120,
+        env={**os.environ, "PYTHONHASHSEED": "1", "SOURCE_DATE_EPOCH": "1"},
+    ).stdout  # fmt: skip
+    with contextlib.redirect_stdout(io.StringIO()) as here:
+        exec(_RENDER, {})
+    assert there == here.getvalue()
+    assert len(there.splitlines()) == 5
 
 
 def test_svg_is_text_without_a_date():

@@ -143,16 +143,6 @@ def test_a_document_states_schema_versions_settings_and_device() -> None:
     json.loads(records.to_json(record), parse_constant=refuse)
 
 
-def test_counts() -> None:
-    assert records.count([REPORT, BROKEN]) == {
-        "conserve": 0,
-        "violate": 1,
-        "undecided": 1,
-        "with_findings": 2,
-        "failed": 2,
-    }
-
-
 def test_junit_xml_is_valid_whatever_a_finding_holds() -> None:
     good = dataclasses.replace(REPORT, name="good", verdict=Verdict.CONSERVES, findings=())
     messages = ["bad <&>", "broken \x00 \x1b", "fine"]
@@ -245,10 +235,3 @@ def test_read_only_places_are_refused(tmp_path: Path) -> None:
         assert records.refuse_output(str(tmp_path / "out.json")) is not None
     finally:
         tmp_path.chmod(0o700)
-
-
-def test_versions_of_others_that_took_part() -> None:
-    found = records.document("test", [], settings={}, summary={}, packages=("pytest", "no-such-package"))["versions"]
-    assert found["pytest"] == pytest.__version__
-    assert found["no-such-package"] == "unknown"
-    assert "pytest" not in records.versions()

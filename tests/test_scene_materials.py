@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy_shader
 import pytest
+from selection import few
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert
@@ -16,7 +17,6 @@ from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
 from brdfcheck.scene.shading import shade
 
-VALIDATED = [entry.name for entry in catalog.entries() if entry.validated]
 PUBLISHED = [entry.name for entry in catalog.entries() if not entry.validated]
 
 
@@ -99,7 +99,7 @@ def test_surface_against_plain_numpy_under_all_kinds_of_lights():
         shaded(Surface(matt, glossy), (Polygon(wall),))
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize("name", few(PUBLISHED, ("blinn-phong-6", "blinn-phong-8", "phong-classical", "schlick-phong-factor")))
 def test_what_is_not_conserving_is_refused_with_the_reason(name):
     # What some claim is true: those pass.
     if name in ("blinn-phong-6", "blinn-phong-linear", "phong-pdf"):
@@ -131,6 +131,10 @@ def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     Surface(Term("lambert", 0.7), Term("phong", 0.3, n=20))
     with pytest.raises(ValueError, match=r"up to 1.1 of the light in channel G, at 0 degrees: 0.1 more than arrives"):
         Surface(Term("lambert", (0.1, 0.5, 0.2)), Term("blinn-phong", 0.6, n=30))
+
+
+@pytest.mark.slow
+def test_a_sum_of_what_loses_energy_may_be_brighter():
     # More than 1 by the tints, less than 1 in fact: the lobe loses energy of its own.
     lossy = Term("binomial-power-half", 1.0, n=1.0)
     Surface(Term("lambert", 0.09), lossy)
@@ -139,7 +143,6 @@ def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     # A Fresnel reflectance reaches 1 at grazing incidence, where the light of the matt part is still there.
     with pytest.raises(ValueError, match=r"up to 1.07[0-9]* of the light in channel R, at 90 degrees: 0.07"):
         Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.05))
-    Surface(Term("lambert", 0.5), Term("ggx", 0.04, fresnel="schlick", alpha=0.1))
 
 
 def glossy(wi, wo, n):
@@ -160,6 +163,7 @@ def brushed(wi, wo):
     return (1 + (wi[..., :1] * wo[..., :1]) ** 2) * np.array([0.4, 0.2, 0.1]) / np.pi
 
 
+@pytest.mark.slow
 @jax.numpy_dtype_promotion("standard")  # as users have it: numbers of a function may be of another precision
 def test_functions_of_users_are_terms_like_lobes():
     lobe = Term("phong", (0.5, 0.3, 0.1), n=20)
@@ -206,10 +210,15 @@ def test_channels_and_directions_of_functions_are_those_of_the_surface():
 def test_functions_are_refused_like_lobes():
     with pytest.raises(materials.NotConserving, match=r"<lambda> is not validated .VIOLATES: albedo 3.14159"):
         Surface(Term(lambda wi, wo: 1.0))
-    for term in (Term(glossy, 0.7, n=20), Term(by_numpy, 0.7)):
-        with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
-            Surface(term, Term("lambert", 0.5))
+    with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
+        Surface(Term(glossy, 0.7, n=20), Term("lambert", 0.5))
     Surface(Term(glossy, 0.5, n=20), Term("lambert", 0.5))
+
+
+@pytest.mark.slow
+def test_functions_of_numpy_are_refused_like_lobes():
+    with pytest.raises(materials.NotConserving, match=r"up to 1.2[0-9]* of the light in channel R, at 0 degrees"):
+        Surface(Term(by_numpy, 0.7), Term("lambert", 0.5))
 
 
 def test_materials_are_built_inside_traced_programs():
@@ -237,12 +246,6 @@ def test_highlight_and_translucent_are_the_printed_equations():
                 NORMALS, POINTS, VIEWS, described, (0.1, 0.3, 0.9), behind=behind, t_h=0.8, t_p=t_p, **options
             )
             np.testing.assert_allclose(shaded(clear.over(behind.T), lights), expected, atol=1e-13)
-
-
-def test_a_full_highlight_is_white_at_its_centre_whatever_lies_under_it():
-    up = jnp.array([0.0, 0.0, 1.0])
-    for material in (Highlight((0.8, 0.1, 0.0)), Translucent((0.8, 0.1, 0.0), behind=(0.0, 0.0, 0.3))):
-        np.testing.assert_allclose(shade(material, (Distant((0, 0, 1)),), 0 * up, up, up), 1, atol=1e-12)
 
 
 @pytest.mark.parametrize("form", ["facets", "half", "mirror"])
@@ -279,14 +282,6 @@ def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
         assert image[0, 0] > 0
         if material in models[1:]:
             assert image.max() <= np.float32(0.15)  # d and w: the centre of a highlight, wherever rounding puts it
-
-
-def test_metal_shows_its_own_colour_where_14_says_so():
-    up = jnp.array([0.0, 0.0, 1.0])
-    metal = Metal((0.9, 0.7, 0.3), [(0.013, 0.2), (0.1, 0.4)], d=0.05)
-    share = 0.05 + 0.013 / 0.2**2 + 0.1 / 0.4**2
-    assert share == pytest.approx(1, abs=1e-12)
-    np.testing.assert_allclose(shade(metal, (Distant((0, 0, 1)),), 0 * up, up, up), [0.9, 0.7, 0.3], rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import numpy_tracer as plain
 import pytest
 from numpy_raster import camera_rays
+from selection import few
 
 from brdfcheck.geometry import reflected, refracted
 from brdfcheck.scene import tracing
@@ -81,15 +82,6 @@ def test_refraction_in_any_frame_and_layout():
     assert passes
 
 
-def test_gradients_past_the_critical_angle_are_finite():
-    def total(angle):
-        travel = jnp.stack([jnp.sin(angle), jnp.zeros_like(angle), -jnp.cos(angle)])
-        return jnp.sum(refracted(travel, jnp.array([0, 0, 1.0]), jnp.asarray(1.5))[0])
-
-    for angle in (0.0, 0.3, float(np.arcsin(1 / 1.5)), 1.2, np.pi / 2):
-        assert np.isfinite(jax.grad(total)(angle))
-
-
 # Closed forms
 
 
@@ -98,7 +90,9 @@ def box(material, **shares):
     return [Plane(2 * side * axis, -side * axis, material, **shares) for axis in np.eye(3) for side in (-1.0, 1.0)]
 
 
-@pytest.mark.parametrize(("depth", "dtype"), [(0, jnp.float64), (1, jnp.float64), (4, jnp.float32), (9, jnp.float64)])
+@pytest.mark.parametrize(
+    ("depth", "dtype"), [(0, jnp.float64), (4, jnp.float32), pytest.param(9, jnp.float64, marks=pytest.mark.slow)]
+)
 def test_mirrors_in_a_closed_room_are_a_geometric_series(depth, dtype):
     share, albedo = np.array([0.9, 0.5, 0.0]), np.array([0.8, 0.5, 0.3])
     room = box(matt(*albedo), mirror=share)
@@ -110,7 +104,7 @@ def test_mirrors_in_a_closed_room_are_a_geometric_series(depth, dtype):
     assert image.dtype == dtype
 
 
-@pytest.mark.parametrize("index", [1.33, 1.5, 2.4, 0.8])
+@pytest.mark.parametrize("index", few([1.33, 1.5, 2.4, 0.8], (1.5, 0.8)))
 def test_glass_before_white_vanishes_but_for_the_depth_limit(index):
     # The angle inside a sphere is the same at every bounce, so what is still inside after d of them is (1 - F) F^(d-1).
     camera, size = Orthographic(half_height=1.0), (40, 40)
@@ -203,7 +197,14 @@ def as_arrays(rows):
     return [{name: np.array(value, float) if np.ndim(value) else value for name, value in row.items()} for row in rows]
 
 
-@pytest.mark.parametrize(("kind", "depth"), [("perspective", 0), ("orthographic", 2), ("perspective", 4), ("orthographic", 4)])
+@pytest.mark.parametrize(
+    ("kind", "depth"),
+    [
+        ("orthographic", 2),
+        ("perspective", 4),
+        *(pytest.param(*row, marks=pytest.mark.slow) for row in (("perspective", 0), ("orthographic", 4))),
+    ],
+)
 def test_images_are_those_of_another_tracer(kind, depth):
     size = SIZE
     opening = {"field_of_view": 40.0} if kind == "perspective" else {"half_height": 1.9}
@@ -222,6 +223,7 @@ def mixed(render=trace64):
     return np.asarray(render(bodies, lights, Perspective(**PLACE, field_of_view=40.0), size=SIZE, depth=4, background=0.3))
 
 
+@pytest.mark.slow
 def test_single_precision_and_small_weights_change_little():
     exact, single = mixed(), mixed(trace)
     assert single.dtype == np.float32
@@ -230,6 +232,7 @@ def test_single_precision_and_small_weights_change_little():
     assert np.median(difference) < 1e-5
 
 
+@pytest.mark.slow
 def test_blocks_do_not_show(monkeypatch):
     whole = mixed()
     monkeypatch.setattr(tracing, "_BLOCK", 100)
@@ -241,7 +244,7 @@ def test_blocks_do_not_show(monkeypatch):
 SHEER = functools.partial(Translucent, w=1.0, n=10.0, t_h=0.8, t_p=1.0)
 
 
-@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+@pytest.mark.parametrize("kind", few(["perspective", "orthographic"], ("orthographic",)))
 def test_translucent_spheres_by_rays_and_by_painting_are_the_same(kind):
     # The seed's figure 9: opaque and translucent spheres before and behind one another, w = 1, n = 10, t_h = .8, t_p = 1.
     spheres = [
@@ -259,15 +262,6 @@ def test_translucent_spheres_by_rays_and_by_painting_are_the_same(kind):
     assert np.ptp(painted) > 0.7
     # Three lie over one another somewhere: one ray too few and the two differ.
     assert np.abs(np.asarray(trace(spheres, lights, camera, depth=1, shadows=False, **arguments)) - painted).max() > 0.05
-
-
-def test_translucent_spheres_dim_the_light_behind_them():
-    floor = Plane((0, 0, -2), (0, 0, 1), matt(0.5, 0.5, 0.5))
-    sheer = Sphere((0.0, 0.0, 0.0), 0.5, SHEER((0.2, 0.4, 0.9), t_h=0.75))
-    camera = Perspective((4.0, 0.0, 2.0), (0.0, 0.0, -2.0))
-    image = np.asarray(trace64((floor, sheer), (Distant((0, 0, 1.0), np.pi),), camera, size=(41, 41)))[0]
-    assert image[20, 20] == pytest.approx(0.5 * 0.25, rel=1e-12)
-    assert image[20, 40] == pytest.approx(0.5, rel=1e-12)
 
 
 # Programs and derivatives
@@ -366,6 +360,7 @@ def test_gradients_are_finite_where_rays_miss_graze_and_shadow():
     assert sum(bool(np.any(leaf)) for leaf in leaves) > 10
 
 
+@pytest.mark.slow
 def test_lights_without_a_direction_cast_no_shadow():
     floor = Plane((0, 0, 0), (0, 0, 1), matt(0.5, 0.5, 0.5))
     ball = Sphere((0, 0, 1.5), 1.0, matt(0.5, 0.5, 0.5))

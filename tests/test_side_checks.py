@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from brdfcheck.brdf.factors import Factor, Normalized, PerCosine, PhongExact
+from brdfcheck.brdf.factors import Normalized, PerCosine, PhongExact
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import GGX
@@ -81,12 +81,6 @@ def test_negative_values_are_found():
     assert side.reciprocal
     # Rounding is not a defect.
     assert checked(lambda wi, wo: wi[..., 2] * wo[..., 2] - 1e-16).positive
-
-
-def test_negative_factors_are_found():
-    side = checked(lambda n: Normalized(Phong(n), Factor(-2.0, 5.0)), {"n": 1.0}, n=(1.0, 10.0))
-    assert side.minimum == pytest.approx(-0.2, rel=1e-12)
-    assert not side.positive
 
 
 @pytest.mark.parametrize("value", [jnp.nan, jnp.inf, -jnp.inf])

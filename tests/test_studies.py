@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
+from selection import few
 
 import brdfcheck
-from brdfcheck import plots, processes, studies
+from brdfcheck import processes, studies
 from brdfcheck.processes import Finished
 
 ROOT = Path(brdfcheck.__file__).parent.parent
@@ -24,13 +26,14 @@ STUDIES = studies.find()
 LONG = {"user_brdfs": 480}
 
 
+@functools.cache
+def small(name: str) -> dict[str, Any]:
+    """The record of a study at its small size, measured once."""
+    return studies.record_of(STUDIES[name], "small")
+
+
 def refuse(constant: str) -> None:
     raise ValueError(f"{constant} is not strict JSON")
-
-
-def test_the_first_ones_are_there():
-    assert {"raw_albedo", "normalized_albedo", "published_claims", "incidence"} <= set(STUDIES)
-    assert list(STUDIES) == sorted(STUDIES)
 
 
 @pytest.mark.parametrize("name", list(STUDIES))
@@ -38,7 +41,6 @@ def test_a_study_is_a_short_file_with_question_command_and_answer(name):
     study = STUDIES[name]
     text = study.path.read_text()
     assert study.question.endswith("?")
-    assert len(study.answer) > 20
     assert re.search(r"\d", study.answer)  # measured
     assert "ANSWER" not in text  # a place kept free for what was to be measured
     assert f"brdfcheck study {name}" in ast.get_docstring(ast.parse(text))
@@ -62,10 +64,14 @@ def reports(tmp_path_factory):
     return tmp_path_factory.mktemp("reports")
 
 
-@pytest.mark.parametrize("name", list(STUDIES))
+# Of the lobes, the verdict, the factors and the rules.
+FAST = ("raw_albedo", "normalized_albedo", "published_claims", "factor_objectives", "stability_sampling")
+
+
+@pytest.mark.parametrize("name", few(STUDIES, FAST))
 def test_the_small_size_runs(name, reports):
     study = STUDIES[name]
-    record = studies.record_of(study, "small")
+    record = small(name)
     place = studies.write_report(study, record, reports)
     files = os.listdir(place)
     assert set(studies.FILES) <= set(files)
@@ -77,7 +83,6 @@ def test_the_small_size_runs(name, reports):
     page = (place / "summary.md").read_text()
     assert page.startswith(f"# {study.question}\n")
     assert "![" in page
-    assert re.search(r"\d\.\d\d", page)
     # What a report has besides is shown on its page.
     assert set(files) - set(studies.FILES) == set(re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)) - {"figure.png"}
     # The report is a function of the record.
@@ -89,13 +94,16 @@ def test_the_small_size_runs(name, reports):
 
 def test_what_the_studies_found():
     """The numbers of the docstrings, from the small sizes."""
-    record = studies.record_of(STUDIES["raw_albedo"], "small")
+    record = small("raw_albedo")
     assert record["summary"]["crossing"] == pytest.approx(18.588, abs=1e-3)
     assert dict(zip(record["summary"]["exponents"], record["summary"]["albedo"], strict=True))[17] == pytest.approx(
         1.0690, abs=5e-5
     )
-    record = studies.record_of(STUDIES["incidence"], "small")
-    ratios = record["summary"]["ratios"]
+
+
+@pytest.mark.slow
+def test_what_the_study_of_incidence_found():
+    ratios = small("incidence")["summary"]["ratios"]
     assert ratios["phong"]["ratio"] == pytest.approx(1, abs=1e-9)
     assert ratios["phong-classical"]["ratio"] == pytest.approx(18.74, abs=0.01)
     assert ratios["beckmann-smith"]["angle_degrees"] > 80
@@ -131,13 +139,14 @@ def test_several_studies_are_processes_of_their_own(tmp_path, monkeypatch):
     assert begun == [(["limit", "enclosure"], False), (["stability", "renders", "raw_albedo"], True)]
 
 
+@pytest.mark.slow
 def test_the_report_of_a_process_is_the_one_of_this_one(tmp_path):
     chosen = [STUDIES["raw_albedo"], STUDIES["factor_objectives"]]
     assert {end.name: end.code for end in studies.run_all(chosen, "small", tmp_path)} == dict.fromkeys(
         ("raw_albedo", "factor_objectives"), 0
     )
     for study in chosen:
-        ours, theirs = studies.record_of(study, "small"), json.loads((tmp_path / study.name / "record.json").read_text())
+        ours, theirs = small(study.name), json.loads((tmp_path / study.name / "record.json").read_text())
         assert json.loads(studies.to_json(ours["results"])) == theirs["results"]
 
 
@@ -179,10 +188,20 @@ def test_the_committed_reports_are_full_size_and_linked():
         on_two_cores = own * record["summary"]["cores"] / 2
         assert on_two_cores < LONG.get(path.parent.name, 120), path
         seconds += on_two_cores
-        # The answer in the record is the one that the study gives today.
-        assert record["answer"] == STUDIES[record["study"]].answer, path
+        # A report of another study's text is stale.
+        study = STUDIES[path.parent.name]
+        assert (record["question"], record["answer"]) == (study.question, study.answer), f"run brdfcheck study {study.name}"
     assert seconds < 20 * 60
     assert {path.parent.name for path in gallery.parent.glob("*/record.json")} == set(STUDIES)
+
+
+def test_the_budgets_are_of_the_scenes_of_the_study():
+    scenes = studies.load(STUDIES["scene_budget"]).SCENES
+    kept = json.loads((ROOT / "reports" / "scene_budget" / "record.json").read_text())["results"]
+    assert [result["name"] for result in kept] == list(scenes)
+    for result, scene in zip(kept, scenes.values(), strict=True):
+        assert result["settings"]["size"] == [scene["size"]] * 2, result["name"]
+        assert result["settings"]["bits"] == scene.get("output", {}).get("bits", 8), result["name"]
 
 
 # --- where the studies are ---
@@ -198,13 +217,6 @@ def test_in_a_checkout_and_in_an_installation(tmp_path, monkeypatch):
     (tmp_path / "site-packages" / "studies").mkdir()  # another project's
     assert studies.folder() is None
     assert studies.find() == {}
-
-
-def test_a_wheel_carries_the_studies():
-    with open(ROOT / "pyproject.toml", "rb") as file:
-        wheel = tomllib.load(file)["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert wheel["sources"] == {"studies": "brdfcheck/_studies"}
-    assert "studies" in wheel["only-include"]
 
 
 def test_a_study_is_a_program_too(tmp_path):
@@ -241,7 +253,3 @@ def test_a_file_that_is_no_study(tmp_path):
 
 def test_tables():
     assert studies.table(("a", "b"), [("1", "x|y")]) == "| a | b |\n| --- | --- |\n| 1 | x\\|y |"
-
-
-def test_figures_of_studies_are_free_of_pyplot():
-    assert plots.empty(3, 2).canvas.manager is None

@@ -8,13 +8,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
-import brdfcheck
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Phong
-from brdfcheck.brdf.microfacet import CookTorrance
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.zonal import Zonal
@@ -102,85 +101,10 @@ class Planted(PointwiseAlbedo):
 # --- lobes ---
 
 
-def test_the_sixteenth_power_with_its_published_factor():
-    found = largest(scaled(BinomialPower, 6.0, 24.55), n=(1.0, 1000.0))
-    assert found.value == pytest.approx(1.0016005217, abs=1e-10)
-    assert found.parameters["n"] == pytest.approx(17.8511976, abs=1e-4)
-    assert found.cos_theta == 1
-    assert found.error <= 1e-12
-    assert found.above is not None
-    # The reference crosses 1 itself, ours 1 + 1e-9: 1e-5 apart.
-    assert found.above == (pytest.approx((14.303004, 23.056070), abs=1e-5),)
-
-
-def test_blinn_phong_with_eight():
-    found = largest(scaled(BlinnPhong, 8.0, 8 * np.pi), n=(1.0, 1000.0))
-    assert found.value == pytest.approx(1.0752011615, abs=1e-10)
-    assert found.parameters["n"] == pytest.approx(8.7637414, abs=1e-4)
-    assert found.above == ((1.0, 1000.0),)
-
-
-def test_the_raw_sixteenth_power_conserves_from_18_6():
-    found = largest(BinomialPower, n=(1.0, 1000.0))
-    assert (found.parameters, found.cos_theta) == ({"n": 1.0}, 1.0)
-    assert found.value == pytest.approx(2.8777046827, abs=1e-9)
-    assert found.above is not None
-    assert found.above[0] == pytest.approx((1.0, 18.588159660), abs=1e-6)
-    beyond = largest(BinomialPower, n=(18.5882, 1000.0))
-    assert beyond.value < 1
-    assert beyond.above == ()
-
-
-def test_normal_incidence_is_not_the_worst_for_the_unclamped_lobe():
-    unclamped = scaled(lambda n: BinomialPower(n, clamped=False), 6.0, 24.55)
-    found = largest(unclamped, n=(30.0, 100.0))
-    assert found.cos_theta < 0.05
-    assert found.above is not None
-    assert found.above[0] == pytest.approx((36.27819, 100.0), abs=1e-5)
-    # At normal incidence alone it is innocent up to n = 110.4.
-    straight = largest(unclamped, (1.0, 1.0), n=(30.0, 200.0))
-    assert straight.above is not None
-    assert straight.above[0] == pytest.approx((110.4, 200.0), abs=0.05)
-
-
-def test_a_restricted_range_of_cosines():
-    mu = float(np.cos(np.radians(89)))
-    found = largest(lambda n: PerCosine(Normalized(Phong(n), Factor(2, 2 * np.pi))), (mu, 1.0), n=(1.0, 1000.0))
-    assert found.value == pytest.approx(18.7415167, abs=1e-6)
-    assert (found.cos_theta, found.parameters) == (mu, {"n": 1.0})
-    middle = largest(lambda n: PerCosine(Normalized(Phong(n), Factor(2, 2 * np.pi))), (np.cos(np.radians(75)), 1.0), n=(1, 1))
-    assert middle.value == pytest.approx(1.77, abs=5e-3)
-    below = largest(scaled(BinomialPower, 6.0, 24.55), (0.2, 0.9), n=(1.0, 1000.0))
-    assert below.cos_theta == pytest.approx(0.9, rel=1e-15)
-    assert below.value < 1
-
-
-def test_grazing_is_the_worst_of_rough_metal():
-    found = largest(CookTorrance, m=(0.8, 1.0))
-    assert found.cos_theta < 0.01
-    assert 0.98 < found.value <= 1 + 1e-9
-    assert largest(CookTorrance, (1.0, 1.0), m=(1.0, 1.0)).value == pytest.approx(0.453447, abs=1.1e-6)
-
-
-def test_two_parameters():
-    # A factor (n + A)/24.55 on n in [1, 1000], A in [5, 6]: the same peak, at the upper end of A.
-    found = largest(lambda n, A: Normalized(BinomialPower(n), Factor(A, 24.55)), n=(1.0, 1000.0), A=(5.0, 6.0))
-    assert found.value == pytest.approx(1.0016005217, abs=1e-9)
-    assert found.parameters["n"] == pytest.approx(17.8511976, abs=1e-3)
-    assert found.parameters["A"] == 6
-    assert found.above is None
-
-
-def test_no_parameter():
-    found = largest(lambda: Normalized(Phong(50.0), Factor(2, 2 * np.pi)))
-    assert found.value == pytest.approx(1, abs=1e-12)
-    assert (found.parameters, found.cos_theta, found.above) == ({}, 1.0, None)
-
-
 # --- planted maxima ---
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(12))
 def test_a_bump_between_grid_points(seed: int):
     # As wide as two grid steps, centred anywhere: on the grid its peak is lost.
     random = np.random.default_rng(seed)
@@ -260,7 +184,7 @@ def test_of_two_peaks_the_higher_one_though_it_is_narrow():
     assert found.parameters["x"] == pytest.approx(0.83, abs=1e-6)
 
 
-@pytest.mark.parametrize("effort", ["quick", "normal", "thorough"])
+@pytest.mark.parametrize("effort", few(["quick", "normal", "thorough"], ("quick", "normal")))
 @pytest.mark.parametrize("function", [False, True])
 def test_nothing_wider_than_it_says_is_missed(effort: str, function: bool):
     """Slabs a little wider than `width` in one coordinate, wherever they are."""
@@ -308,10 +232,7 @@ def test_what_the_answer_rests_on():
     assert set(beside.width) == {"n", "angle", "cell"}
 
 
-_FEW = ("blinn-phong-8", "kuijk-blake-mirror", "binomial-power-unclamped")
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in _FEW else pytest.mark.slow) for n in catalog.names()])
+@pytest.mark.parametrize("name", few(catalog.names(), ("blinn-phong-8", "kuijk-blake-mirror", "binomial-power-unclamped")))
 def test_the_theorem_says_what_the_full_search_finds(name: str, monkeypatch: pytest.MonkeyPatch):
     family = catalog.entry(name).family
     short = supremum(PointwiseAlbedo(family), intervals=False)
@@ -335,14 +256,6 @@ def test_the_search_tells_how_far_it_is():
     assert points[-1] <= found.points
     assert told[-1][1] == pytest.approx(0.9, abs=1e-9)
     assert all(best <= 0.9 for _, best in told)
-
-
-def test_a_single_point():
-    for build in (lambda: Phong(3.0), lambda: CookTorrance(0.3), lambda: lambda wi, wo: Phong(3.0)(wi, wo)):
-        found = largest(build, (0.5, 0.5))
-        expected = brdfcheck.albedo(build(), 0.5)
-        assert abs(found.value - float(expected.value)) <= found.error + float(expected.error)
-        assert (found.cos_theta, found.parameters) == (0.5, {})
 
 
 # --- without bound ---
@@ -418,15 +331,6 @@ def test_the_limit_at_grazing_incidence_is_the_supremum():
     assert found.parameters["k"] == pytest.approx(0.4, abs=1e-3)
 
 
-def test_the_channel_of_the_largest_albedo():
-    found = largest(lambda k: Lambert(jnp.stack([k / 4, k / 2, k])), k=(0.0, 0.8))
-    assert (found.value, found.channel, found.channels) == (pytest.approx(0.8), 2, 3)
-    function = largest(lambda: lambda wi, wo: jnp.asarray([0.1, 0.3, 0.2, 0.1]) / jnp.pi * wo[..., 2:] ** 0)
-    assert (function.value, function.channel, function.channels) == (pytest.approx(0.3), 1, 4)
-    one = largest(lambda: Lambert(0.3))
-    assert (one.channel, one.channels) == (None, 1)
-
-
 @pytest.mark.parametrize("function", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_a_kink_across_the_axes_is_in_the_bar(count: int, function: bool):
@@ -447,12 +351,6 @@ def test_a_needle_that_the_quick_rules_blur_has_no_kink():
 
     found = supremum(PointwiseAlbedo(Family("needle", lambda n: lambda wi, wo: needle(wi, wo, n), {"n": (1.0, 1e4)})))
     assert abs(found.value - 0.999) <= found.error < 1e-4
-
-
-def test_the_error_bar_is_that_of_the_albedo():
-    found = supremum(Planted(lambda p, mu, _: 1 - (mu - 0.5) ** 2, {}, error=1e-5))
-    assert 1e-5 <= found.error < 2e-5
-    assert found.value == pytest.approx(1, abs=1e-5)
 
 
 def not_finite(value: float) -> Surface:
@@ -520,12 +418,6 @@ def test_the_interval_of_a_spot_that_the_quick_rules_do_not_see():
     assert found.above is not None
     half = 0.07 * np.sqrt(0.5)
     np.testing.assert_allclose(found.above, [(0.37 - half, 0.37 + half)], atol=1e-5)
-
-
-def test_a_flat_surface():
-    found = supremum(Planted(lambda p, mu, _: np.full(len(mu), 0.75), {"a": (0.0, 1.0)}))
-    assert found.value == 0.75
-    assert found.error == pytest.approx(1e-14)
 
 
 @pytest.mark.parametrize("function", [False, True])

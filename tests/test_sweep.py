@@ -110,7 +110,11 @@ def config(tmp_path):
     [
         ({"brdf": "binomial-power-half", "axes": {"n": {"geomspace": [0.3, 1000, 70]}, "cos_theta": [0.0, 0.3, 1.0]}}, 1e-11),
         ({"brdf": "phong", "rule": "zonal", "axes": {"cos_theta": {"linspace": [0.1, 1, 7]}, "n": [1, 10, 300]}}, 1e-11),
-        ({"brdf": "lambert", "axes": {"reflectance": [0.0, 0.5, 1.0], "cos_theta": [0.5, 1.0]}}, 1e-12),
+        pytest.param(
+            {"brdf": "lambert", "axes": {"reflectance": [0.0, 0.5, 1.0], "cos_theta": [0.5, 1.0]}},
+            1e-12,
+            marks=pytest.mark.slow,
+        ),
         ({"brdf": "cook-torrance", "axes": {"m": [0.3, 0.6], "cos_theta": [0.4, 0.9]}}, 1e-8),
         ({"brdf": "phong", "rule": "adaptive", "axes": {"n": [20.0], "cos_theta": [0.7]}}, 1e-7),
     ],
@@ -148,6 +152,7 @@ def test_precision_and_k_are_axes(tmp_path):
     assert float(difference.max()) > 1e-9, "float32 must have been computed in float32"
 
 
+@pytest.mark.slow
 def test_brdf_rule_and_rtol_are_axes(tmp_path):
     document = {
         "brdf": ["binomial-power-half", "BinomialPower"],
@@ -183,6 +188,7 @@ def test_no_rule_or_engine_is_known_by_its_name():
         assert not texts & ({*RULES, "table"} - aliases), path.name
 
 
+@pytest.mark.slow
 def test_every_rule_of_the_package_is_a_value_of_the_axis(tmp_path):
     chance = next(name for name, rule in RULES.items() if rule.random)
     rules = ["default", "gauss-product:32", "lobe-warped-gauss", "adaptive:1e-5", "closed-form", chance]
@@ -556,16 +562,6 @@ def test_files_of_the_users_in_a_store_stay(out):
     assert {**contents(out), "seconds/c/0/1": b""} == {**after, "seconds/c/0/1": b""}
 
 
-def test_what_a_killed_process_leaves_of_a_chunk_is_gone_at_the_end(out):
-    before = set(contents(out))
-    (out / "checksum/c/0/1/0").unlink()
-    for name, share in (("albedo", 0.5), ("error", 0), ("evaluations", 1), ("seconds", 1)):
-        data = (out / name / "c/0/1").read_bytes()
-        (out / name / f"c/0/1.{'0f' * 16}.partial").write_bytes(data[: int(share * len(data))])
-    sweep(SMALL, out)
-    assert set(contents(out)) == before
-
-
 # --- damage ---
 
 DAMAGE = {
@@ -708,35 +704,10 @@ def test_a_full_disk_loses_nothing(code, room, config, tmp_path, monkeypatch, ca
     assert contents(out, seconds=False) == contents(tmp_path / "whole", seconds=False)
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of 1 MB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = shutil.which("mount") and subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk)], capture_output=True, check=False
-    )
-    if not mounted or mounted.returncode:
-        pytest.skip("mounting a file system is not permitted here")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
-
-
-@pytest.mark.parametrize("name", ["", "s"], ids=["the disk itself", "a folder on it"])
-def test_a_real_full_disk(name, small_disk, config, capsys):
-    file, out = config(("60", "9000"), ("240", "12")), small_disk / name
-    assert cli.run(["sweep", str(file), "--out", str(out)]) == cli.ExitCode.INTERNAL_ERROR
-    assert "the disk is full" in capsys.readouterr().err.splitlines()[-1]
-    with Store(out, Plan(brdfcheck.sweep.read_config(file))) as there:
-        assert len(there.done) >= 3
-    assert subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=False).returncode == 0
-    assert cli.run(["sweep", str(file), "--out", str(out)]) == 0
-    assert xarray.open_zarr(out, chunks=None).albedo.notnull().all()
-
-
 # --- devices and memory ---
 
 
+@pytest.mark.slow
 def test_two_devices_and_a_terminal(config, tmp_path):
     """The bytes are those of one device; a terminal gets a bar with rate and time left."""
     pty = pytest.importorskip("pty")
@@ -763,6 +734,7 @@ def test_the_mesh_is_all_local_devices():
     assert list(computer.mesh.devices.ravel()) == jax.local_devices()
 
 
+@pytest.mark.slow
 def test_memory_is_bounded_by_the_chunk(tmp_path):
     """A sweep of 32 times as many chunks of the same size has the same peak, but for a few MB."""
     code = """

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck import Factor, Normalized, albedo, albedo_table
 from brdfcheck.brdf import catalog
@@ -31,8 +32,8 @@ FAMILIES = {
 }
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("n", [np.geomspace(1, 1000, 150), np.linspace(1, 40, 20)], ids=["many", "few"])
+@pytest.mark.parametrize("name", few(FAMILIES, ("schlick-half", "unclamped", "factor")))
+@pytest.mark.parametrize("n", few([np.geomspace(1, 1000, 150), np.linspace(1, 40, 20)], (150,), len))
 def test_a_table_is_its_cells(name, n):
     mu = np.array([1.0, 0.9, 0.5, 0.1, 0.02, 1e-4, 0.0])
     table = albedo_table(FAMILIES[name], n, mu)
@@ -44,7 +45,7 @@ def test_a_table_is_its_cells(name, n):
         assert np.all(error <= np.asarray(table.error[i]))
 
 
-@pytest.mark.parametrize("name", ["phong", "blinn-phong", "schlick", "binomial-power"])
+@pytest.mark.parametrize("name", few(["phong", "blinn-phong", "schlick", "binomial-power"], ("phong",)))
 def test_wide_ranges(name):
     n = np.geomspace(0.01 if "phong" in name else 1, 1e7, 400)
     mu = np.append(np.geomspace(1e-6, 1, 7), 0.3)
@@ -56,15 +57,7 @@ def test_wide_ranges(name):
         assert np.all(error <= np.asarray(table.error[i]))
 
 
-def test_order_and_repeats_do_not_matter():
-    n = np.array([500.0, 1.0, 30.0, 30.0, 0.5, 1.0])
-    mu = np.array([0.3, 1.0])
-    table = albedo_table(Phong, n, mu)
-    for i, value in enumerate(n):
-        np.testing.assert_allclose(table.value[i], albedo(Phong(value), mu).value, rtol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["phong", "lyon-2-half", "cook-torrance"])
+@pytest.mark.parametrize("name", few(["phong", "lyon-2-half", "cook-torrance"], ("phong", "cook-torrance")))
 def test_a_table_by_name_is_compiled_once(name, monkeypatch):
     traced = []
     monkeypatch.setattr(tables, "_block", lambda *given, original=tables._block: traced.append(1) or original(*given))
@@ -107,12 +100,7 @@ def test_bad_axes_are_refused(n, mu, message):
         albedo_table(Phong, n, mu)
 
 
-def test_unknown_names_are_refused():
-    with pytest.raises(KeyError, match="phong"):
-        albedo_table("fong", [1.0], [1.0])
-
-
-@pytest.mark.parametrize("cores", [2, 3])
+@pytest.mark.parametrize("cores", few([2, 3], (3,)))
 @pytest.mark.parametrize("family", [Phong, lambda n: Lyon(n, 2), CookTorrance], ids=["nodes", "breaks", "cells"])
 def test_threads_change_nothing(monkeypatch, family, cores):
     """Columns shared out among threads, the last part overlapping the one before."""

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck import transport
 
@@ -69,7 +70,7 @@ def test_cylinder_against_its_disks():
     assert coarse == pytest.approx(np.asarray(can.form_factors), abs=1e-14)
 
 
-@pytest.mark.parametrize("name", ["box", "sphere"])
+@pytest.mark.parametrize("name", few(["box", "sphere"], ("box",)))
 def test_rays_land_where_the_form_factors_say(name):
     """Cosine-distributed rays from evenly spread points of a patch: the frequencies of the patches they hit."""
     room = ENCLOSURES[name]()
@@ -99,7 +100,7 @@ def test_rays_land_where_the_form_factors_say(name):
             assert np.max(np.min(off, axis=-1)) < 1e-14
 
 
-@pytest.mark.parametrize("name", ["box", "sphere"])
+@pytest.mark.parametrize("name", few(["box", "sphere"], ("box",)))
 def test_a_point_of_a_patch_is_found_on_it(name):
     room = ENCLOSURES[name]()
     patch = jnp.arange(room.patches, dtype=np.int32)

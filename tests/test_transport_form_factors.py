@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from selection import few
 
 from brdfcheck import transport
 
@@ -211,7 +212,7 @@ def test_the_polygon_formula_in_float32_and_its_gradient():
 
 
 @pytest.mark.parametrize(("other", "name"), [(TOP, "parallel"), (SIDE, "sharing an edge")])
-@pytest.mark.parametrize("order", [4, 8, 12, 16])
+@pytest.mark.parametrize("order", few([4, 8, 12, 16], (8, 16)))
 def test_patches_with_an_honest_error(other, name, order):
     closed = transport.parallel_rectangles if name == "parallel" else transport.perpendicular_rectangles
     exact = closed(UNIT, UNIT, UNIT, UNIT, *([1.0] if name == "parallel" else []))

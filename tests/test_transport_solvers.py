@@ -123,19 +123,6 @@ def test_no_finite_answer_at_one_is_explained_by_the_radius(rho):
             assert np.all(np.isinf(solution.error))
 
 
-def test_bounce_by_bounce_the_energy_grows_without_end_at_1_01():
-    cube = transport.box()
-    term, sums = np.asarray(cube.on_wall(4, 1.0)), []
-    total = term.copy()
-    for _ in range(2000):
-        term = 1.01 * (np.asarray(cube.form_factors) @ term)
-        total = total + term
-        sums.append(np.sum(total))
-    growth = sums[-1] / sums[-2]
-    assert growth == pytest.approx(1.01, rel=1e-6)
-    assert sums[-1] > 1e8
-
-
 def test_a_radius_next_to_one_is_undecided():
     # A wall that takes a little, one that gives a little, and an iteration that is stopped before it knows.
     room = transport.cylinder(1.0, 8.0, rings=1, bands=12)
@@ -250,13 +237,6 @@ def test_no_number_recompiles():
         sizes = [program._cache_size() for program in programs]
         assert before is None or sizes == before
         before = sizes
-
-
-def test_repr_is_for_reading():
-    text = repr(transport.direct(transport.box(), 1.0, 0.5))
-    assert "direct" in text
-    assert "'solved'" in text
-    assert "Radius(0.5 to 0.5" in repr(transport.spectral_radius(transport.box(), 0.5))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 import brdfcheck
 from brdfcheck import cli
@@ -140,14 +141,8 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
 @pytest.mark.parametrize(
     ("target", "options", "error", "message"),
     [
-        ("fong", {}, ValueError, "unknown BRDF 'fong'; did you mean phong"),
-        ("phong", {"m": (0.1, 1.0)}, ValueError, "phong has no parameter 'm'; its parameters: n"),
-        ("phong", {"n": (5.0, 1.0)}, ValueError, "the range of n is empty: 5 > 1"),
         ("phong", {"n": (1.0, np.nan)}, ValueError, "must be finite"),
-        ("phong", {"n": (1.0, np.inf)}, ValueError, "must be finite"),
         ("phong", {"n": 3.0}, ValueError, "must be two numbers"),
-        ("phong", {"n": (1, 2, 3)}, ValueError, "must be two numbers"),
-        ("phong", {"n": ("a", "b")}, ValueError, "must be two numbers"),
         ("phong", {"cos_theta": (-0.1, 1.0)}, ValueError, "cos_theta must run within 0:1"),
         ("phong", {"cos_theta": (0.0, 1.1)}, ValueError, "cos_theta must run within 0:1"),
         ("phong", {"cos_theta": (0.9, 0.1)}, ValueError, "cos_theta is empty"),
@@ -158,11 +153,7 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
         ("phong", {"rtol": 2.0}, ValueError, "rtol"),
         ("phong", {"effort": "best"}, ValueError, "effort must be one of quick, normal, thorough; got 'best'"),
         ("phong", {"effort": None}, ValueError, "effort must be one of"),
-        (Phong(3.0), {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; its parameters: n"),
-        (Phong(3.0), {"n": (-1.0, 2.0)}, ValueError, "n must be >= 0; got -1"),
-        (Phong, {"m": (1.0, 2.0)}, ValueError, "Phong has no parameter 'm'; its parameters: n"),
         (Phong, {"n": (-1.0, 2.0)}, ValueError, "n must be a finite number >= 0"),
-        (lambda n: Phong(n), {}, ValueError, "the parameter n must be given a range"),
         (3.0, {}, TypeError, "must be callable"),
         (None, {}, TypeError, "got NoneType"),
     ],
@@ -195,7 +186,7 @@ def test_no_false_verdict_within_a_millionth_of_the_line() -> None:
     # Exact factors times 1 + d: the largest albedo is 1 + d whatever the range.
     random = np.random.default_rng(5)
     seen = set()
-    for case in range(36):
+    for case in range(24):
         excess = float(random.choice([-1, 1]) * 10 ** random.uniform(-12, -6))
         low = float(10 ** random.uniform(-1, 2))
         if case % 2:
@@ -237,27 +228,7 @@ def test_tolerance_is_in_the_report_and_in_the_intervals() -> None:
     assert middle.albedo == strict.albedo
 
 
-def test_the_worst_channel_decides() -> None:
-    good = check(Lambert(jnp.asarray([0.1, 0.9, 0.5])))
-    assert good.albedo == pytest.approx(0.9, abs=1e-13)
-    assert good.passed
-    bad = check(Lambert(jnp.asarray([0.1, 0.9, 1.2])))
-    assert (bad.verdict, bad.albedo) == (VIOLATES, pytest.approx(1.2, abs=1e-12))
-
-
-def test_an_infinite_albedo_violates() -> None:
-    from brdfcheck.brdf.factors import PerCosine
-
-    report = check(PerCosine(Normalized(Phong(5.0), PhongExact())))
-    assert report.verdict is VIOLATES
-    assert report.albedo == np.inf
-    assert report.cos_theta == 0
-    assert report.angle == 90
-    assert report.unbounded == "towards grazing incidence"
-    assert "albedo grows without bound towards grazing incidence" in str(report)
-
-
-@pytest.mark.parametrize("function", [False, True])
+@pytest.mark.parametrize("function", few([False, True], (False,)))
 def test_an_albedo_that_is_not_a_number_somewhere_never_conserves(function: bool) -> None:
     """Not at a corner of the range, nor in its middle."""
 
@@ -270,7 +241,7 @@ def test_an_albedo_that_is_not_a_number_somewhere_never_conserves(function: bool
     assert not report
 
 
-@pytest.mark.parametrize("cosines", [(1, 1), (0.5, 0.5), (0, 0), (0, 1)])
+@pytest.mark.parametrize("cosines", few([(1, 1), (0.5, 0.5), (0, 0), (0, 1)], ((0.5, 0.5), (0, 1))))
 @pytest.mark.parametrize("function", [False, True])
 def test_single_angles_and_whole_numbers(cosines: tuple[float, float], function: bool) -> None:
     lobe = Normalized(Phong(3.0), PhongExact())
@@ -282,26 +253,6 @@ def test_single_angles_and_whole_numbers(cosines: tuple[float, float], function:
     assert report.cos_theta == pytest.approx(cosines[1], abs=1e-6)
     held = check(Phong, n=(3, 3), cos_theta=cosines, effort="quick")
     assert held.albedo == pytest.approx(expected * 2 * np.pi / 5, abs=1e-7)
-
-
-def test_reports_add_up() -> None:
-    report = check("phong", n=(1, 10))
-    assert isinstance(report, Report)
-    assert report.angle == pytest.approx(0)
-    assert report.evaluations > 1000
-    assert 0 < report.seconds < 60
-    assert dataclasses.replace(report, findings=("bad",)).passed is False
-    assert dataclasses.replace(report, verdict=UNDECIDED).passed is False
-    assert dataclasses.replace(report, notes=("slow",)).passed is True
-    assert dataclasses.replace(report, cos_theta=0.5).angle == pytest.approx(60)
-
-
-def test_a_report_is_true_where_it_passed() -> None:
-    good = check("phong", n=(1, 10), effort="quick")
-    assert good
-    assert bool(good) is good.passed is True
-    for bad in ({"findings": ("bad",)}, {"verdict": UNDECIDED}, {"verdict": VIOLATES}):
-        assert not dataclasses.replace(good, **bad)
 
 
 def test_a_report_in_words() -> None:
@@ -319,31 +270,6 @@ def test_a_report_in_words() -> None:
     broken = check(raises)
     assert str(broken).splitlines()[0] == "raises: UNDECIDED: albedo unknown (tolerance 1e-9); raises raised RuntimeError: boom"
     assert str(broken).splitlines()[1] == "  nothing could be evaluated"
-
-
-def test_what_a_report_rests_on() -> None:
-    report = check(lambda n: Normalized(BinomialPower(n, clamped=False), Factor(6.0, 24.55)), n=(30.0, 100.0))
-    assert (report.basis, report.settled, report.effort) == ("search", True, "normal")
-    assert report.points > 1000
-    assert report.climbs >= 8
-    assert set(report.width) == {"n", "angle", "cell"}
-    assert 0 < report.width["n"] < 0.01
-    assert 0 < report.width["angle"] < 0.5
-    assert (report.channel, report.channels, report.unbounded) == (None, 1, None)
-
-
-def test_effort_and_progress() -> None:
-    seen = {}
-    for effort in ("quick", "thorough"):
-        told: list[tuple[int, float]] = []
-        report = check("blinn-phong-8", effort=effort, watch=lambda points, best, told=told: told.append((points, best)))
-        assert report.verdict is VIOLATES
-        assert report.albedo == pytest.approx(1.0752011615, abs=1e-10)
-        assert report.effort == effort
-        assert told
-        assert told[-1][1] == pytest.approx(report.albedo, abs=1e-9)
-        seen[effort] = report.points
-    assert seen["quick"] < seen["thorough"]
 
 
 def test_the_channel_that_decides_is_named() -> None:
@@ -375,66 +301,6 @@ def raises(wi, wo):
     raise RuntimeError("boom")
 
 
-FUNCTIONS = {
-    "nan": (lambda wi, wo: jnp.where(wo[..., 0] > 0.3, jnp.nan, 0.1), UNDECIDED, "not a number|not finite"),
-    "negative": (lambda wi, wo: 0.1 - 0.2 * wi[..., 2] * wo[..., 2], CONSERVES, r"negative: the smallest value seen is -0\.1"),
-    "not reciprocal": (lambda wi, wo: 0.2 * wi[..., 2] + 0 * wo[..., 2], CONSERVES, "not reciprocal"),
-    "raises": (raises, UNDECIDED, "raised RuntimeError: boom"),
-    "complex": (lambda wi, wo: wo[..., 2] * 1j, UNDECIDED, "complex"),
-    "shape": (lambda wi, wo: wo[2], UNDECIDED, "returned shape"),
-    "words": (lambda wi, wo: np.array(["no"] * len(wo)), UNDECIDED, "not numbers"),
-}
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_defects_of_a_function_are_findings(name: str) -> None:
-    function, verdict, message = FUNCTIONS[name]
-    report = check(function)
-    assert report.verdict is verdict
-    assert not report.passed
-    assert any(re.search(message, finding) for finding in report.findings), report.findings
-    if name in ("raises", "complex", "shape", "words"):
-        assert np.isnan(report.albedo)
-        assert report.side is None
-        assert (report.engine, report.evaluations, report.parameters) == ("none", 0, {})
-
-
-def test_a_sound_function_conserves() -> None:
-    report = check(lambda wi, wo: 0.9 / jnp.pi + 0 * wo[..., 2])
-    assert report.verdict is CONSERVES
-    assert report.albedo == pytest.approx(0.9, abs=1e-9)
-    assert report.passed
-    assert report.engine == "adaptive"
-    assert not report.anisotropic
-    slow = check(lambda wi, wo: 1.1 / np.pi + 0 * np.asarray(wo)[..., 2])
-    assert slow.verdict is VIOLATES
-    assert slow.engine == "adaptive (numpy)"
-    assert "numpy" in slow.notes[0]
-
-
-def test_a_family_of_functions_and_its_worst_parameter() -> None:
-    def factory(strength):
-        return lambda wi, wo: (1.2 - (strength - 0.37) ** 2) / jnp.pi + 0 * wo[..., 2]
-
-    report = check(factory, strength=(0.0, 1.0))
-    assert report.verdict is VIOLATES
-    assert report.albedo == pytest.approx(1.2, abs=1e-8)
-    assert report.parameters["strength"] == pytest.approx(0.37, abs=1e-3)
-
-
-def test_an_anisotropic_function_is_turned() -> None:
-    def brushed(wi, wo):
-        return (0.6 + 0.3 * (wi[..., 0] * np.cos(0.8) + wi[..., 1] * np.sin(0.8))) / jnp.pi + 0 * wo[..., 2]
-
-    report = check(brushed)
-    assert report.anisotropic
-    assert any("anisotropic" in note for note in report.notes)
-    # The largest value is at grazing incidence, at the azimuth 0.8.
-    assert report.albedo == pytest.approx(0.9, abs=1e-6)
-    assert np.cos(report.azimuth - 0.8) == pytest.approx(1, abs=1e-4)
-    assert report.cos_theta < 0.01
-
-
 # --- one door ---
 
 
@@ -448,7 +314,7 @@ def test_python_and_the_command_line_take_the_same_things(tmp_path, capsys) -> N
     module: dict[str, Any] = {}
     exec(file.read_text(), module)
     spec = f"{file}:glossy"
-    for target in (module["glossy"], spec, brdfcheck.load(spec, n=(1, 4)), brdfcheck.load(module["glossy"], n=(1, 4))):
+    for target in (module["glossy"], brdfcheck.load(spec, n=(1, 4))):
         report = check(target, n=(1, 3), effort="quick")
         assert report.albedo == pytest.approx(0.15 * np.pi, abs=1e-9)
         assert report.ranges == {"n": (1, 3)}
@@ -468,9 +334,9 @@ def test_python_and_the_command_line_take_the_same_things(tmp_path, capsys) -> N
             with pytest.raises(ValueError, match=words) as same:
                 check(module[name], **ranges)
             assert str(same.value).removeprefix(name) == str(python.value).removeprefix(f"{file}:{name}")
-    broken = check(f"{file}:picky", n=(1, 10))
+    broken = check(f"{file}:picky", n=(1, 10), effort="quick")
     assert broken.findings == ("picky(n=10) raised RuntimeError: too large",)
-    assert check(module["picky"], n=(1, 10)).findings == broken.findings
+    assert check(module["picky"], n=(1, 10), effort="quick").findings == broken.findings
     with pytest.raises(ValueError, match=r"the range of n must be two numbers \(LO, HI\); got 3"):
         check(module["glossy"], n=3)
 
@@ -478,6 +344,7 @@ def test_python_and_the_command_line_take_the_same_things(tmp_path, capsys) -> N
 # --- what a report says ---
 
 
+@pytest.mark.slow
 def test_the_end_of_an_interval_of_a_brdf_with_a_jump() -> None:
     def cap(a):
         return lambda wi, wo: 1.2 / np.pi * (wo[..., 2] > a) + 0 * wi[..., 2]
@@ -500,16 +367,6 @@ def test_what_decided_is_told_where_the_bar_contains_1() -> None:
     assert "albedo 1.0010 +- 0.0036, at least 1.00087" in str(report)
     for clear in (dataclasses.replace(report, error=1e-5), dataclasses.replace(report, verdict=UNDECIDED, least=0.9)):
         assert "at least" not in str(clear)
-
-
-def test_a_function_that_is_random_has_no_verdict() -> None:
-    def noisy(a):
-        return lambda wi, wo: (0.5 + a * np.random.default_rng().random(wi.shape[0])) / np.pi
-
-    report = check(noisy, a=(0, 1.2))
-    assert report.verdict is UNDECIDED
-    (finding,) = report.findings
-    assert finding == "the same directions give other values at each call: it is random, or keeps state between calls"
 
 
 @pytest.mark.parametrize(

@@ -9,14 +9,11 @@ import pytest
 from problems import (
     LOBES,
     PHONG_POLYNOMIALS,
-    binomial_power_at_normal,
-    blinn_phong_at_normal,
     brute_force,
-    phong_at_normal,
-    schlick_mirror_at_normal,
     slope_at_normal,
     zonal_tables,
 )
+from selection import few
 
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.numerics import gauss
@@ -27,7 +24,23 @@ from brdfcheck.quadrature.zonal import zonal_weights
 TABLES = zonal_tables()
 
 
-@pytest.mark.parametrize("name", LOBES)
+# One of each lobe and form.
+FAST = (
+    "phong",
+    "blinn",
+    "schlick",
+    "schlick_half",
+    "kb",
+    "kb_half",
+    "lyon2",
+    "lyon3_mirror",
+    "binomial16",
+    "binomial16_mirror",
+)
+FAST += ("binomial16_mirror", "binomial16_unclamped")
+
+
+@pytest.mark.parametrize("name", few(LOBES, FAST))
 def test_accuracy_and_honest_error_bar(name):
     table = TABLES[name]
     result = jax.vmap(albedo)(LOBES[name](table.n), jnp.asarray(table.cos_theta))
@@ -39,7 +52,7 @@ def test_accuracy_and_honest_error_bar(name):
     assert np.max(np.asarray(result.error) / table.albedo) <= tight
 
 
-@pytest.mark.parametrize("name", LOBES)
+@pytest.mark.parametrize("name", few(LOBES, ("kb_half", "binomial16_unclamped")))
 def test_looser_requests_are_honest_and_cheaper(name):
     table = TABLES[name]
     lobe = LOBES[name](table.n)
@@ -53,7 +66,7 @@ def test_looser_requests_are_honest_and_cheaper(name):
     assert costs[0] < costs[1] < costs[2]
 
 
-@pytest.mark.parametrize("name", [name for name in LOBES if "unclamped" not in name])
+@pytest.mark.parametrize("name", few([name for name in LOBES if "unclamped" not in name], ("phong", "kb_half")))
 def test_float32(name):
     table = TABLES[name]
     keep = (table.n <= 1e5) & (table.cos_theta >= 1e-3)
@@ -68,21 +81,6 @@ def test_float32(name):
     assert np.median(relative) <= 1e-6
     assert np.max(relative) <= 1e-4
     assert np.all(error <= np.asarray(result.error, float))
-
-
-def test_closed_forms_at_normal_incidence():
-    n = np.concatenate([np.geomspace(0.01, 1e7, 40)])
-    mu = jnp.asarray(1.0)
-
-    def value(lobe):
-        return np.asarray(jax.vmap(albedo, (0, None))(lobe, mu).value)
-
-    np.testing.assert_allclose(value(Phong(n)), phong_at_normal(n), rtol=1e-12)
-    np.testing.assert_allclose(value(BlinnPhong(n)), blinn_phong_at_normal(n), rtol=1e-12)
-    above = n[n > 3]  # the closed form itself cancels near n = 1
-    np.testing.assert_allclose(value(Schlick(above)), schlick_mirror_at_normal(above), rtol=1e-11)
-    large = n[n > 55]
-    np.testing.assert_allclose(value(BinomialPower(large)), binomial_power_at_normal(large), rtol=1e-12)
 
 
 @pytest.mark.parametrize("n", PHONG_POLYNOMIALS)
@@ -100,18 +98,15 @@ def test_lambert_reflects_its_reflectance_at_every_angle():
     np.testing.assert_allclose(rgb.value, np.broadcast_to([0.1, 0.5, 0.9], (33, 3)), rtol=1e-13)
 
 
-@pytest.mark.parametrize("name", ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"])
+WIDE = ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"]
+
+
+@pytest.mark.parametrize("name", few(WIDE, ("phong", "schlick_half")))
 def test_against_brute_force_over_the_outgoing_hemisphere(name):
     # Ties the albedo to the function f(wi, wo) that users call, not only to the reduced integral.
     lobe = LOBES[name](5.0)
     for mu in (0.9, 0.35):
         assert albedo(lobe, mu).value == pytest.approx(brute_force(lobe, mu), abs=2e-5)
-
-
-def test_grazing_limit_is_reached():
-    for name in ("phong", "blinn", "lyon3", "schlick"):
-        lobe = LOBES[name](20.0)
-        assert albedo(lobe, 0.0).value == pytest.approx(float(albedo(lobe, 1e-9).value), rel=1e-7)
 
 
 def test_a_rule_fails_past_its_degree():
@@ -146,14 +141,6 @@ def test_too_few_nodes_are_noticed_by_the_error_bar():
     assert abs(few - fewer) >= abs(few - exact) / 3
 
 
-def test_a_factor_one_percent_too_large_is_seen():
-    from brdfcheck.brdf.factors import Factor, Normalized
-
-    planted = Normalized(Phong(50.0), Factor(2, 2 * np.pi / 1.01))
-    result = albedo(planted, 1.0)
-    assert result.value - result.error > 1.0099
-
-
 SLOPES = {  # at normal incidence, by ball arithmetic
     "binomial-power-half": (BinomialPower(1.0), 0.8074859717),
     "blinn-phong-0.01": (BlinnPhong(0.01), 0.0114038988),
@@ -164,40 +151,45 @@ SLOPES = {  # at normal incidence, by ball arithmetic
 }
 
 
-@pytest.mark.parametrize("name", SLOPES)
+def value(mu, lobe):
+    return albedo(lobe, mu).value
+
+
+# The lobe is an argument: those of one class are one program.
+BACKWARDS, FORWARDS = jax.jit(jax.grad(value)), jax.jit(jax.jacfwd(value))
+
+
+# Of the half form `test_rules` has one every time.
+@pytest.mark.parametrize("name", few(SLOPES, [name for name in SLOPES if name.startswith(("phong", "a hemi"))]))
 def test_the_derivative_at_normal_incidence_is_the_limit(name):
     lobe, right = SLOPES[name]
-
-    def value(mu):
-        return albedo(lobe, mu).value
-
-    assert float(jax.grad(value)(1.0)) == pytest.approx(right, rel=1e-9, abs=1e-10)
-    assert float(jax.jacfwd(value)(1.0)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+    assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+    assert float(FORWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lobe)
-    assert float(jax.grad(lambda mu: albedo(single, mu).value)(jnp.float32(1))) == pytest.approx(right, rel=2e-5, abs=1e-5)
+    assert float(BACKWARDS(jnp.float32(1), single)) == pytest.approx(right, rel=2e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    "lobe",
-    [
-        *(family(form) for form in ("mirror", "half") for family in (
-            lambda form: BinomialPower(1.0, form=form),
-            lambda form: BinomialPower(20.0, form=form, clamped=False),
-            lambda form: KuijkBlake(1.0, form),
-            lambda form: KuijkBlake(0.0, form),
-            lambda form: Lyon(6.0, 2, form),
-        )),
-        Schlick(0.0),
-        Schlick(5.0, "half"),
-    ],
-    ids=str,
-)  # fmt: skip
-def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(lobe):
-    right = slope_at_normal(lambda mu: albedo(lobe, mu).value)
-    assert float(jax.grad(lambda mu: albedo(lobe, mu).value)(1.0)) == pytest.approx(right, rel=1e-7, abs=1e-7)
+STEEP = {
+    f"{name}-{form}": build(form)
+    for form in ("mirror", "half")
+    for name, build in {
+        "binomial-1": lambda form: BinomialPower(1.0, form=form),
+        "unclamped": lambda form: BinomialPower(20.0, form=form, clamped=False),
+        "kb-1": lambda form: KuijkBlake(1.0, form),
+        "kb-0": lambda form: KuijkBlake(0.0, form),
+        "lyon-2": lambda form: Lyon(6.0, 2, form),
+        "schlick": lambda form: Schlick(0.0 if form == "mirror" else 5.0, form),
+    }.items()
+}
+
+
+@pytest.mark.parametrize("name", few(STEEP, ("kb-1-half", "kb-0-half")))
+def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(name):
+    lobe = STEEP[name]
+    right = slope_at_normal(lambda mu: value(mu, lobe))
+    assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-7, abs=1e-7)
     # Nothing jumps on the way there.
-    beside = jax.grad(lambda mu: albedo(lobe, mu).value)(1 - 2.0**-53)
-    assert float(beside) == pytest.approx(right, rel=1e-6, abs=1e-6)
+    assert float(BACKWARDS(1 - 2.0**-53, lobe)) == pytest.approx(right, rel=1e-6, abs=1e-6)
 
 
 HUGE_POWERS = [
@@ -215,7 +207,7 @@ def test_huge_powers_keep_their_digits(lobe, mu, right):
 
 
 @pytest.mark.parametrize("form", ["mirror", "half"])
-@pytest.mark.parametrize("power", [1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53])
+@pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (7, 53)))
 def test_bars_of_any_power_contain_the_closed_form(power, form):
     # At normal incidence, for lobes that end inside: (1 - v/e)^k with e = k/n times a polynomial in v.
     k = 2**power

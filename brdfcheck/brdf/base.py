@@ -126,6 +126,10 @@ class AbstractZonalLobe(AbstractBRDF):
         """
         return False
 
+    def exact_factor(self) -> Any:
+        """The factor in closed form with which the lobe reflects exactly 1 at normal incidence; None where there is none."""
+        return None
+
     def amplitude(self) -> Float[Array, "..."]:
         """What the profile is multiplied by, in 1/sr: a number, or one number for each channel."""
         return jnp.ones_like(self.width())

@@ -187,8 +187,19 @@ class _Catalog:
 _CATALOG = _Catalog()
 
 
+def register(entry: Entry) -> None:
+    """Add an entry, for this process: its name is then known wherever one of the catalogue is. ValueError for a known name.
+
+    A lobe of one's own: its class (`AbstractZonalLobe` or `AbstractMicrofacetLobe`) and
+    ``register(Entry(Family("mine", Mine, {"n": (1, 1000)}), formula, source))``.
+    """
+    if entry.name in _CATALOG.entries:
+        raise ValueError(f"there is a BRDF {entry.name!r} already")
+    _CATALOG.entries[entry.name] = entry
+
+
 def entries() -> tuple[Entry, ...]:
-    """All entries: the validated ones first, then the published claims."""
+    """All entries: the validated ones first, then the published claims, then those that were registered."""
     return tuple(_CATALOG.entries.values())
 
 

@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import Form, checked_form
-from brdfcheck.brdf.factors import AbstractFactor, BlinnPhongExact, PhongExact
-from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
+from brdfcheck.brdf.base import AbstractZonalLobe, Form, checked_form
+from brdfcheck.brdf.factors import AbstractFactor
 from brdfcheck.numerics import gauss
 
 # The versine (the cosine) at which the lobe meets the horizon.
@@ -133,16 +132,4 @@ class KuijkBlakeExact(AbstractFactor):
 
 def exact_factor(lobe: object) -> AbstractFactor | None:
     """The factor in closed form with which `lobe` reflects exactly 1 at normal incidence; None where there is none."""
-    if isinstance(lobe, Phong):
-        return PhongExact()
-    if isinstance(lobe, BlinnPhong):
-        return BlinnPhongExact()
-    if isinstance(lobe, Schlick):
-        return SchlickExact(lobe.form)
-    if isinstance(lobe, KuijkBlake):
-        return KuijkBlakeExact(lobe.form)
-    if isinstance(lobe, Lyon):
-        return TruncatedPowerExact(2**lobe.w, lobe.form)
-    if isinstance(lobe, BinomialPower):
-        return TruncatedPowerExact(lobe.k, lobe.form, lobe.clamped)
-    return None
+    return lobe.exact_factor() if isinstance(lobe, AbstractZonalLobe) else None

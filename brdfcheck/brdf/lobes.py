@@ -16,6 +16,8 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractZonalLobe, Form, as_parameter, checked_form
+from brdfcheck.brdf.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact
+from brdfcheck.brdf.factors import AbstractFactor, BlinnPhongExact, PhongExact
 
 # exp(-40) = 4e-18: what lies beyond adds less than the rounding of the sum.
 _NEGLIGIBLE = 40.0
@@ -104,6 +106,9 @@ class Phong(AbstractZonalLobe):
     def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _cosine_power(versine, self.n)
 
+    def exact_factor(self) -> AbstractFactor:
+        return PhongExact()
+
     def width(self) -> Float[Array, ""]:
         return _power_width(self.n)
 
@@ -131,6 +136,9 @@ class BlinnPhong(AbstractZonalLobe):
 
     def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _cosine_power(versine, self.n)
+
+    def exact_factor(self) -> AbstractFactor:
+        return BlinnPhongExact()
 
     def width(self) -> Float[Array, ""]:
         return _power_width(self.n)
@@ -165,6 +173,9 @@ class Schlick(AbstractZonalLobe):
         # At n = 0 and c = 0 the quotient is 0/0; the lobe is then 1 everywhere.
         denominator = self.n * versine + c
         return jnp.where(denominator > 0, c / jnp.where(denominator > 0, denominator, 1), 1)
+
+    def exact_factor(self) -> AbstractFactor:
+        return SchlickExact(self.form)
 
     def width(self) -> Float[Array, ""]:
         return _power_width(self.n)
@@ -210,6 +221,9 @@ class KuijkBlake(AbstractZonalLobe):
         spread = q * reciprocal_p - 1
         far = (angle - q) ** 2 * reciprocal_p / (q * jnp.where(spread > 0, spread, 1))
         return jnp.where(angle * reciprocal_p < 1, near, jnp.where(angle < q, far, 0))
+
+    def exact_factor(self) -> AbstractFactor:
+        return KuijkBlakeExact(self.form)
 
     def width(self) -> Float[Array, ""]:
         return 1 / jnp.maximum(self._reciprocal_p(), 0.5)
@@ -262,6 +276,9 @@ class Lyon(AbstractZonalLobe):
     def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _truncated_power(versine, self.n, 2**self.w, clamped=True)
 
+    def exact_factor(self) -> AbstractFactor:
+        return TruncatedPowerExact(2**self.w, self.form)
+
     def width(self) -> Float[Array, ""]:
         return _power_width(self.n)
 
@@ -303,6 +320,9 @@ class BinomialPower(AbstractZonalLobe):
 
     def profile(self, versine: Float[Array, "..."]) -> Float[Array, "..."]:
         return _truncated_power(versine, self.n, self.k, self.clamped)
+
+    def exact_factor(self) -> AbstractFactor:
+        return TruncatedPowerExact(self.k, self.form, self.clamped)
 
     def width(self) -> Float[Array, ""]:
         return _power_width(self.n)

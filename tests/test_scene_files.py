@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from selection import few
 
 from brdfcheck.messages import UsageError
 from brdfcheck.scene.cameras import Orthographic, Perspective
@@ -39,7 +40,7 @@ def from_file(folder, name, **changes):
     return parse_scene({"size": 16, "material": MATT, "lights": LIGHTS, "geometry": geometry} | changes, folder=folder)
 
 
-@pytest.mark.parametrize("ending", ["obj", "ply", "stl", "glb"])
+@pytest.mark.parametrize("ending", few(["obj", "ply", "stl", "glb"], ("stl", "glb")))
 def test_meshes_of_files_are_the_meshes_that_were_written(tmp_path, ending):
     trimesh.creation.icosphere(2).export(tmp_path / f"ball.{ending}")
     read = from_file(tmp_path, f"ball.{ending}")
@@ -97,6 +98,7 @@ def test_files_that_are_no_meshes_are_refused_in_one_line(tmp_path, name, conten
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_function_of_a_file_is_a_term(tmp_path):
     (tmp_path / "mine.py").write_text("def matt(wi, wo, albedo):\n    return albedo / 3.141592653589793 + 0 * wi[..., 2]\n")
     (tmp_path / "s.toml").write_text(
@@ -123,18 +125,13 @@ def test_a_function_of_a_file_is_a_term(tmp_path):
     ("changes", "words"),
     [
         ({"material": glossy(n="a")}, r"terms\[0\]: phong: n must be one number; got 'a'"),
-        ({"material": glossy(n=[1, 2])}, r"terms\[0\]: phong: n must be one number; got \[1, 2\]"),
-        ({"material": glossy(n=True)}, r"phong: n must be one number; got True"),
         ({"geometry": {"kind": "sphere", "radius": "big"}}, "radius must be one number; got 'big'"),
-        ({"geometry": {"kind": "sphere", "radius": True}}, "radius must be one number; got True"),
         ({"geometry": {"kind": "sphere", "center": "here"}}, "center must be three components, x, y and z; got 'here'"),
-        ({"size": True}, r"size: must be a number of pixels or \[height, width\], .*; got True"),
         ({"size": [True, 5]}, "size: must be a number of pixels or .height, width., each from 1 to 16384; got .True, 5."),
         (
             {"material": {"kind": "metal", "base": 1, "lobes": []}},
             r"lobes must be pairs of weight and slope, at least one; got \[\]",
         ),
-        ({"material": {"kind": "metal", "base": 1, "lobes": [[]]}}, "lobes must be pairs of weight and slope, at least one"),
         ({"lights": [{"kind": "distant", "direction": [0, 0, 1e-50]}]}, "direction must not have length 0"),
         ({"lights": [{"kind": "distant", "direction": [0, 0, 1e50]}]}, "direction must be finite in single precision"),
         ({"lights": [LIGHTS[0] | {"intensity": 1e300}]}, r"lights\[0\]: intensity must be finite in single precision"),
@@ -144,11 +141,8 @@ def test_a_function_of_a_file_is_a_term(tmp_path):
         ({"material": glossy(n=10**400)}, r"phong: n must be finite in single precision, <= 3.4e\+38; got 10000"),
         ({"material": glossy(n=10**5000)}, "got an integer of thousands of digits"),
         ({"material": {"kind": "metal", "base": 1, "lobes": [[0.1, 1e-20]]}}, "the slope m must be finite and >= 1e-09"),
-        ({"geometry": {"kind": "zigzag", "slope": "x"}}, "geometry: slope must be one number; got 'x'"),
-        ({"geometry": {"kind": "sphere", "radius": -1}}, "geometry: radius must be finite and > 0; got -1"),
         ({"geometry": {"kind": "sphere", "radius": 1e-50}}, "geometry: radius must be finite and > 0; got 1e-50"),
         ({"camera": {"kind": "perspective", "eye": [0, 0, 1e300]}}, "camera: eye must be finite in single precision"),
-        ({"camera": {"kind": "perspective", "eye": [0, 0, None]}}, "camera: eye must be three components"),
         ({"background": 1e39}, "background must be finite in single precision"),
         (
             {"geometry": {"kind": "icosphere"}, "camera": {"kind": "perspective", "target": [0, 0, 9]}},
@@ -209,6 +203,7 @@ def test_bad_backgrounds_are_refused(background):
             draw()
 
 
+@pytest.mark.slow
 def test_bad_normals_of_a_mesh_are_refused():
     mesh, surface, light = icosphere(0), Surface(Term("lambert", 0.5)), [Distant((0, 0, 1))]
     for normals, words in (

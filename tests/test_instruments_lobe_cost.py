@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from _instruments import lobe_error, single, timing
-from brdfcheck import studies
+from _instruments import lobe_error, single
 from brdfcheck.brdf.catalog import entry
 from brdfcheck.brdf.lobes import Phong
 from brdfcheck.operations import operations
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 FORMS = {form.name: form for form in lobe_error.FORMS}
 
 
@@ -33,21 +33,6 @@ def test_flops_of_the_forms_are_those_of_their_formulas():
     for doublings in range(2, 7):  # multiply, add, max, squarings
         assert found[f"binomial-{2**doublings}"] == {"arithmetic": 3 + doublings, "divisions": 0, "functions": 0}
     assert [lobe_error.flops(FORMS["power-fixed"], n)["arithmetic"] for n in (10, 100, 1000)] == [4, 8, 14]
-
-
-def test_times_are_of_evaluations():
-    kernels = {"alone": timing.Kernel(lambda c: c), "dear": timing.Kernel(lambda c, n: jnp.arccos(c) ** n, (2.5,))}
-    taken = timing.nanoseconds(kernels, 300_000, jnp.float32, rounds=4)
-    assert {name: time.rounds for name, time in taken.items()} == {"alone": 4, "dear": 4}
-    assert 0 < taken["alone"].best < taken["dear"].best < 1000
-    assert all(time.best <= time.median for time in taken.values())
-
-
-def test_the_kernel_sees_every_value_once():
-    program = timing._program(lambda c, scale: scale * c, 3)
-    first = jnp.asarray(1 - 1e-7 * np.arange(16384))
-    total = float(program(first, jnp.asarray(1e-7 * 16384), (jnp.asarray(2.0),)))
-    assert total == pytest.approx(2 * np.sum(1 - 1e-7 * np.arange(3 * 8 * 16384)), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", FORMS)
@@ -86,28 +71,6 @@ def test_energies_are_what_the_facts_say():
         assert values == pytest.approx([1, 1], abs=1e-12)
 
 
-def test_claims_are_judged_by_what_is_measured():
-    results = [
-        {
-            "name": form.name,
-            "n": n,
-            "nanoseconds": {"float32": {"power": 8.0, "kuijk-blake": 80.0}.get(form.name, 1.0)},
-            "operations": lobe_error.flops(form, n),
-            "errors": lobe_error.errors(form, n, 2001),
-        }
-        for form in lobe_error.FORMS
-        for n in (10, 100, 1000)
-    ]
-    verdicts = {claim: holds for claim, _, holds in lobe_error.claims(results)}
-    assert verdicts["Schlick: within 10 % in the centre"] == "no"
-    assert verdicts["Schlick: falls off far too slowly"] == "yes"
-    assert verdicts["Kuijk-Blake: not accurate"] == "at large n"
-    assert verdicts["16th power: exact in the centre"] == "to 2 %"
-    assert verdicts["16th power: exact in the falloff"] == "no"
-    slow = [{**r, "nanoseconds": {"float32": 20.0}} if r["name"] == "schlick" else r for r in results]
-    assert dict((claim, holds) for claim, _, holds in lobe_error.claims(slow))["Schlick: much less work than the power"] == "no"
-
-
 # --- float32 beside float64 ---
 
 
@@ -135,12 +98,6 @@ def test_errors_of_single_precision(name, value, limit):
     assert min(single.albedo_errors(*wrong, (0, 60))["error"]) > 0.01
 
 
-def test_overflow_is_infinite():
-    pair = single.both(entry("binomial-power-unclamped").family.build(n=1e6))
-    assert single.albedo_errors(*pair, (0,))["error"] == [np.inf]
-    assert single.profile_error(*pair) == np.inf
-
-
 def test_naive_forms_lose_what_the_facts_say():
     found = single.naive_forms((100.0, 1e3, 1e4, 1e7), 9001)
     assert found["flushed"][:3] == pytest.approx([65.3, 23.6, 7.6], abs=0.05)
@@ -150,10 +107,3 @@ def test_naive_forms_lose_what_the_facts_say():
     assert max(*found["power"]["power"], *found["power"]["binomial"]) < 2e-6
     assert found["acos"][0] == 1  # acos(cos 1e-5) = 0
     assert max(found["asin"]) < 3e-7
-
-
-def test_what_the_studies_found():
-    record = studies.record_of(studies.find()["precision_f32"], "small")
-    found = record["summary"]
-    assert found["honest"] == found["cells"] == 45
-    assert found["overflow"] == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 
 import jax
 import numpy as np
@@ -14,6 +13,7 @@ from brdfcheck import Factor, Lambert, Normalized, Phong, transport
 from brdfcheck.output import records
 from brdfcheck.transport.styles import LABELS, SOLVERS
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 KEY = jax.random.key(0)
 
 
@@ -34,13 +34,6 @@ def test_work_precision_of_every_solver():
     assert all(point.seconds > 0 for point in points)
     with pytest.raises(ValueError, match="reference must be finite, one for each of the 6 patches"):
         measure.work_precision(room, emission, 0.5, exact[:3], key=KEY)
-
-
-def test_work_precision_ends_a_ladder_that_takes_too_long():
-    points = measure.work_precision(
-        transport.cylinder(), 1.0, 0.5, np.full(3, 2.0), key=KEY, settings=5, most_seconds=1e-9, repeats=1
-    )
-    assert [point.method for point in points] == ["direct", "krylov", "progressive", "neumann"]
 
 
 def test_growth_counts_patches_and_bytes():
@@ -95,17 +88,3 @@ def test_radii_and_where_they_cross_one():
     assert radius.value == pytest.approx(1, abs=1e-4)
     with pytest.raises(ValueError, match="parameters must rise"):
         measure.radii(Lambert, (0.5, 0.5))
-
-
-@pytest.mark.parametrize(("seconds", "calls"), [(0.6, 3), (0.0, 6)])
-def test_what_is_slow_is_repeated_less(seconds, calls):
-    called = []
-
-    def run() -> int:
-        called.append(1)
-        time.sleep(seconds)
-        return len(called)
-
-    best, answer = measure.timed(run, 5)
-    assert seconds <= best < seconds + 0.3
-    assert answer == len(called) == calls  # one of them to compile

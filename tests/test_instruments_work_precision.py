@@ -13,11 +13,12 @@ import pytest
 
 from _instruments import charts
 from _instruments.peers import PEERS, AbstractPeer
-from _instruments.work_precision import Case, measure, measure_all, single
+from _instruments.work_precision import Case, measure, measure_all
 from brdfcheck.brdf.lobes import Phong
 from brdfcheck.quadrature import RULES
 from brdfcheck.quadrature.rule import Raw
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 SMOOTH = Case("smooth", "Phong", Phong(10.0), 10.0, 0.7, 0.3666790309883656274900)
 
 
@@ -33,15 +34,6 @@ def test_a_measurement_holds_what_a_chart_needs():
     record = json.loads(json.dumps(point.to_json_object(), allow_nan=False))
     assert record["claimed"] == "NaN"
     assert "versions" not in record
-
-
-def test_float32_beside_float64():
-    narrow = single(SMOOTH)
-    assert narrow.dtype == np.float32
-    wide, rough = (measure(RULES["zonal"](6), case, repeats=1) for case in (SMOOTH, narrow))
-    assert wide.error < 1e-13
-    assert 1e-10 < rough.error < 1e-5
-    assert rough.dtype == "float32"
 
 
 def test_chance_is_the_middle_of_some_runs():
@@ -112,36 +104,10 @@ def test_a_slow_peer_that_compiles_nothing_is_run_once(monkeypatch, budget, time
     assert point.compile_seconds < 0.15
 
 
-@pytest.mark.peers
-@pytest.mark.filterwarnings("default")
-def test_quadax_is_warm_when_it_is_timed():
-    message = PEERS["quadax-cubature"].missing()
-    if message is not None:
-        pytest.skip(message)
-    point = measure(PEERS["quadax-cubature"](1e-3), SMOOTH, budget=0.1)
-    assert point.compile_seconds > 4 * point.warm_seconds
-    assert point.versions["quadax"][0].isdigit()
-
-
 def test_rules_that_do_not_take_a_case_are_left_out():
     points = measure_all([RULES["half-vector"], RULES["zonal"]], SMOOTH, settings=2)
     assert {point.rule for point in points} == {"zonal"}
     assert len(points) == 2
-
-
-def test_a_ladder_ends_where_it_takes_too_long():
-    points = measure_all([RULES["gauss-product"]], SMOOTH, most_seconds=0.0, settings=3)
-    assert len(points) == 1
-
-
-def test_scipy_is_a_peer_that_is_always_there():
-    point = measure(PEERS["scipy-dblquad"](1e-6), SMOOTH, repeats=1)
-    assert point.error < 1e-6
-
-
-def test_the_reference_is_no_contender():
-    """The number in the case comes from ball arithmetic: it has more digits than any rule here has bits."""
-    assert pytest.approx(0.3666790309883656, abs=1e-16) == SMOOTH.reference
 
 
 def test_the_frontier():

@@ -13,7 +13,7 @@ from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.quadrature import rule as rules
 from brdfcheck.quadrature.albedo import albedo
 
-pytestmark = pytest.mark.filterwarnings("default")  # what peers say while they are imported is theirs
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # what peers say while they are imported is theirs
 KEY = jax.random.key(3)
 OTHERS = [name for name in PEERS if not name.startswith("scipy")]
 NEEDLE = CookTorrance(1 / 64, masking="smith-separable")

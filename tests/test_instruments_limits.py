@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import time
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from _instruments import limits, timing
+from _instruments import limits
 from brdfcheck.operations import elements
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 TIMES = {"multiply-add": 0.1, "division": 0.5, "exp": 1.0}
 
 
@@ -33,14 +32,6 @@ def test_targets_are_met_or_missed():
     assert limits.targets(slow)[0][1:] == ("41", "missed")
 
 
-def test_what_was_not_measured_is_said():
-    text = limits.remarks(record(peer={"missing": "numba is not installed"}))
-    assert "was not measured: numba is not installed." in text
-    assert "none was present" in text
-    batch = {"path": "table of phong", "dtype": "float32", "device": "some GPU", "seconds": 0.002}
-    assert "On the accelerator (some GPU): table of phong, float32: 0.002 s." in limits.remarks(record(accelerator=[batch]))
-
-
 def test_floors():
     assert limits.unit("phong", TIMES) == 1.0
     assert limits.unit("schlick-mirror", TIMES) == 0.5
@@ -53,17 +44,6 @@ def test_floors():
     assert "error" not in metal
 
 
-def test_a_slow_job_has_fewer_rounds():
-    calls = []
-
-    def job() -> None:
-        calls.append(1)
-        time.sleep(0.7)
-
-    assert 0.7 <= timing.fastest(job, 50) < 2
-    assert len(calls) == 5  # two of them to compile
-
-
 def test_elements_of_loops_are_counted_as_often_as_they_run():
     def loop(x):
         return jax.lax.map(lambda y: jnp.exp(jnp.sin(y)), x)
@@ -72,8 +52,3 @@ def test_elements_of_loops_are_counted_as_often_as_they_run():
     assert (found["exp"], found["sin"]) == (35, 35)
     with pytest.raises(ValueError, match="no fixed count"):
         elements(jax.make_jaxpr(lambda x: jax.lax.while_loop(lambda y: y < 9, lambda y: y + 1, x))(1))
-
-
-def test_the_gain_of_one_thread_is_one():
-    gain = timing.gain(timing.Kernel(jnp.exp), 1, 100_000, jnp.float64, rounds=3)
-    assert 0.2 < gain < 5

@@ -14,6 +14,7 @@ from _instruments.peers import PeerMissing, metal_table
 from brdfcheck import albedo_table
 from brdfcheck.brdf.microfacet import CookTorrance
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 MIDDLES = (np.arange(32) + 0.5) / 32
 METAL = functools.partial(CookTorrance, masking="smith-separable")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import importlib.util
 import json
 import math
@@ -20,6 +19,7 @@ from scipy import integrate
 import brdfcheck
 from brdfcheck import studies
 
+pytestmark = pytest.mark.slow  # an instrument of studies
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDY = studies.find()["user_brdfs"]
 
@@ -94,27 +94,6 @@ def test_isotropic_where_it_is_scanned_so(name):
     first, turned, flipped = np.asarray(f(wi, wo)), np.asarray(f(turn @ wi, turn @ wo)), np.asarray(f(wi, unit(0.5, -2.6)))
     same = np.allclose(first, turned, rtol=1e-9) and np.allclose(first, flipped, rtol=1e-9)
     assert same is not subject.anisotropic
-
-
-def test_each_family_names_its_source():
-    for subject in FAMILIES.values():
-        text = subject.build.__doc__
-        assert 2 < len(subject.label) < 40
-        assert any(part.strip(",.;()").isdigit() and 1800 < int(part.strip(",.;()")) < 2100 for part in text.split()), text
-        assert all(low < high for low, high in subject.ranges.values())
-
-
-def test_the_numpy_twin_has_the_same_values():
-    wi, wo = pairs()
-    for sigma in (0.0, 0.2, 1.0):
-        ours = np.asarray(FAMILIES["oren_nayar"].build(sigma)(wi, wo))
-        np.testing.assert_allclose(FAMILIES["oren_nayar_numpy"].build(sigma)(wi, wo), ours, rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", [name for name, subject in FAMILIES.items() if subject.numpy])
-def test_jax_cannot_trace_those_in_numpy(name):
-    with pytest.raises(jax.errors.TracerArrayConversionError):
-        jax.jit(FAMILIES[name].build(0.7))(*map(jnp.asarray, pairs()))
 
 
 # --- the formulas, against what is known of them ---
@@ -221,25 +200,6 @@ def test_a_scan_finds_the_largest_albedo_within_and_at_corners():
     assert found.evaluations > 256 * SCAN.COARSE[0] * SCAN.COARSE[1]
 
 
-def holed(scale):
-    """Lambert, but for a range of its parameter where it is infinite and one where it is not a number."""
-
-    def f(wi, wo):
-        value = jnp.where(abs(scale - 0.3) < 0.1, jnp.inf, jnp.where(abs(scale - 0.6) < 0.1, jnp.nan, scale))
-        return value / jnp.pi + 0 * wo[..., 0]
-
-    return f
-
-
-def test_a_scan_leaves_out_and_counts_what_is_not_finite():
-    found = SCAN.scan(SCAN.Rule(FAMILIES_MODULE.Subject(holed, {"scale": (0.0, 1.0)})), 256, rounds=2)
-    assert found.value == pytest.approx(1, abs=1e-6)
-    assert 60 < found.nonfinite < 150
-    assert CHECKS.faults(answer("VIOLATES", 1.0, 0.1), found, SimpleNamespace(at=lambda *place: (1.0, 0.0))) == [
-        f"{found.nonfinite} albedos by brute force were not finite"
-    ]
-
-
 @pytest.mark.parametrize("name", FAMILIES)
 def test_albedos_are_finite_down_to_grazing_incidence(name):
     """Where both directions are almost opposite: no cancellation, no 0/0."""
@@ -341,36 +301,3 @@ def test_now_and_before(record, tmp_path):
     assert f"before ({record['settings']['baseline']})" in figure
     assert "3 times the speed" in figure
     assert "programs kept" not in figure
-
-
-def test_flags_are_on_the_page_and_in_the_figure(record, tmp_path):
-    record = copy.deepcopy(record)
-    text = "a larger albedo was seen: 1.5 at cos 0.5"
-    record["results"][1]["flags"]["now"] = [text]
-    place = studies.write_report(STUDY, record, tmp_path)
-    assert f"- Oren-Nayar in numpy, now: {text}" in (place / "summary.md").read_text()
-    assert "see the table" in (place / "figure.svg").read_text()
-
-
-def test_without_an_older_version_the_page_says_so(record, tmp_path):
-    record = copy.deepcopy(record)
-    for row in record["results"]:
-        row |= {"ratio": None, "flags": {"now": row["flags"]["now"]}}
-        row.pop("before", None)
-    record["settings"]["baseline"] = None
-    place = studies.write_report(STUDY, record, tmp_path)
-    assert "No older version was given." in (place / "summary.md").read_text()
-    assert "before" not in (place / "figure.svg").read_text()
-
-
-def test_what_is_no_checkout_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setenv("BRDFCHECK_BASELINE", str(tmp_path))
-    with pytest.raises(ValueError, match="BRDFCHECK_BASELINE must be a folder that holds the package brdfcheck"):
-        studies.load(STUDY).run("small")
-
-
-def test_a_check_that_fails_is_an_error_with_its_last_line(tmp_path):
-    (tmp_path / "brdfcheck").mkdir()
-    (tmp_path / "brdfcheck" / "__init__.py").write_text("raise OSError('no such luck')")
-    with pytest.raises(RuntimeError, match="the check of eon failed: OSError: no such luck"):
-        CHECKS.check("eon", tmp_path)
