@@ -18,10 +18,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.brdf.exact_factors import exact_factor
 from brdfcheck.brdf.factors import AbstractFactor
 from brdfcheck.cores import on_one_core
-from brdfcheck.fits.factor import RawAlbedo, closed_form, fit_form
+from brdfcheck.fits.factor import fit_form
 from brdfcheck.fits.minimax import spread
+from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.operations import operations as counted
 from brdfcheck.runtime import double_precision
 from brdfcheck.verdict import Verdict, check_family
@@ -75,7 +77,7 @@ def factor_ladder(family: Any, n: tuple[float, float] = (1, 1000), *, measure: b
         for form, degrees in FORMS:
             fit = fit_form(raw, degrees)  # pyright: ignore[reportArgumentType]
             rungs.append(_rung(form, fit.factor, fit.smallest, fit.smallest_n, fit.peak, fit.verdict, n, measure))
-        exact = closed_form(raw)
+        exact = exact_factor(raw.lobe)
         if exact is not None:
             report = check_family(raw.with_factor(exact))
             rungs.append(_rung(CLOSED_FORM, exact, *raw.lowest(exact), report.albedo, report.verdict, n, measure))

@@ -18,7 +18,7 @@ from brdfcheck.brdf import catalog, factors
 from brdfcheck.brdf.factors import Normalized, peel
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
-from brdfcheck.fits.factor import RawAlbedo
+from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.output.records import number
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import TOLERANCE, judge
