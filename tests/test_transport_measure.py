@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from _instruments import transport as measure
+from _instruments.transport import LABELS, SOLVERS
 from brdfcheck import Factor, Lambert, Normalized, Phong, transport
 from brdfcheck.output import records
-from brdfcheck.transport.styles import LABELS, SOLVERS
 
 KEY = jax.random.key(0)
 

@@ -20,10 +20,8 @@ from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
-from brdfcheck.transport.angular import angular_operator
-from brdfcheck.transport.completion import Completed
-from brdfcheck.transport.enclosures import Box, Sphere
-from brdfcheck.transport.radiosity import checked_steps
+from brdfcheck.transport.angular import Completed, angular_operator
+from brdfcheck.transport.enclosures import Box, Sphere, checked_count
 from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_at, standing
 
 Sampling = Literal["lobe", "cosine"]
@@ -81,12 +79,12 @@ def trace(
     if equation == "patches" and not diffuse:
         raise ValueError("the equation of patches is for diffuse walls: with other BRDFs light has a direction")
     lanes = _GROUPS * _LANES
-    each = -(-checked_steps(paths, "paths") // lanes)
+    each = -(-checked_count(paths, "paths") // lanes)
     posed = problem(enclosure, emission, reflectance)
     if not float(jnp.sum(posed.emission)) > 0:
         raise ValueError("nothing emits: at least one patch must have an emission above 0")
     wall = _of_type(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
-    most = jnp.asarray(checked_steps(max_bounces, "max_bounces") * each)
+    most = jnp.asarray(checked_count(max_bounces, "max_bounces") * each)
     # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
     shown = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * wall.reflectance) if diffuse else posed
     radius = radius_at(shown) if diffuse else _bounds(enclosure, posed, wall)
@@ -201,9 +199,9 @@ def energy_after_bounces(
     that none outweighs the others however many bounces. Errors are one standard error. Raises as `trace` does.
     """
     _checked(enclosure, key, sampling)
-    each = -(-checked_steps(paths, "paths") // (_GROUPS * _LANES)) * _LANES
+    each = -(-checked_count(paths, "paths") // (_GROUPS * _LANES)) * _LANES
     wall = _of_type(brdf, enclosure.areas.dtype)
-    return _energy(enclosure, wall, key, checked_steps(bounces, "bounces"), each, sampling, jnp.asarray(bool(beam)))
+    return _energy(enclosure, wall, key, checked_count(bounces, "bounces"), each, sampling, jnp.asarray(bool(beam)))
 
 
 @eqx.filter_jit
