@@ -1,7 +1,5 @@
 from .angular import AngularOperator as AngularOperator
-from .angular import Completed as Completed
 from .angular import angular_operator as angular_operator
-from .angular import completed as completed
 from .enclosures import Balance as Balance
 from .enclosures import Box as Box
 from .enclosures import Enclosure as Enclosure
@@ -23,7 +21,6 @@ from .radiosity import direct as direct
 from .radiosity import krylov as krylov
 from .radiosity import neumann_series as neumann_series
 from .radiosity import progressive as progressive
-from .radiosity import truncation_bound as truncation_bound
 from .solution import Radius as Radius
 from .solution import Solution as Solution
 from .solution import Status as Status

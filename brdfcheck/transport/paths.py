@@ -20,7 +20,7 @@ from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
-from brdfcheck.transport.angular import Completed, angular_operator
+from brdfcheck.transport.angular import angular_operator
 from brdfcheck.transport.enclosures import Box, Sphere, checked_count
 from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_at, standing
 
@@ -272,7 +272,7 @@ def _scatter(brdf: Any, direction: Array, normal: Array, u: Array, sampling: str
 
 def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]:
     """A direction in the frame where the light is at azimuth 0, and f (N.wo) / p, for one ray."""
-    core, _ = peel(brdf.brdf if isinstance(brdf, Completed) else brdf)
+    core, _ = peel(brdf)
     about_normal = _cosine(u[None, 1:3])[0]
     wi = jnp.stack([jnp.sqrt((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
     if sampling == "cosine" or isinstance(core, Lambert):  # a diffuse wall's lobe is the cosine itself
@@ -284,9 +284,6 @@ def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]
         main, tail = 1 - cosine, 0.0
     else:
         main, tail, cosine = _SHARES["facets" if lobe.facets else "tail" if isinstance(core, Schlick) else "zonal"]
-    if isinstance(brdf, Completed):  # what is given back leaves diffusely
-        given = 0.9 * brdf.share(mu) + 0.05
-        main, tail, cosine = main * (1 - given), tail * (1 - given), cosine * (1 - given) + given
     azimuth = 2 * np.pi * u[2]
     versine = jnp.where(u[0] < main, lobe.versine(1 - u[1]), lobe.tail_versine(u[1]))
     wo, useful = lobe.directions(versine, azimuth)
@@ -312,8 +309,7 @@ def _checked(enclosure: Any, key: Any, sampling: str) -> None:
 
 def _of_type(brdf: Any, dtype: Any) -> Any:
     """The BRDF in the precision of the enclosure. TypeError where its directions cannot be drawn."""
-    inner = brdf.brdf if isinstance(brdf, Completed) else brdf
-    core = peel(inner)[0] if isinstance(inner, AbstractBRDF) else inner
+    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
     if not has_axis(core):
         raise TypeError(f"paths need a lobe about an axis or one made of facets; got {type(core).__name__}")
     up = jnp.asarray([0.0, 0.0, 1.0])

@@ -137,22 +137,12 @@ def neumann_series(
     `terms`: how many of them, the emission included; by default as many as make the bound on the rest fall below `tolerance`
     times the largest radiosity. Where the spectral radius, measured by power iteration, is 1 or more, no sum is reported: the
     value is NaN, the error inf, and the message gives the reason. The error is $\theta/(1-\theta)$ times the last term, in the
-    norm in which K shrinks by $\theta$, which for one reflectance rho is never above `truncation_bound`.
+    norm in which K shrinks by $\theta$; for one reflectance rho never above $\rho^M/(1-\rho)$ times the largest emission.
     ValueError for bad emissions and reflectances, counts below 1, or a tolerance outside (0, 1).
     """
     most = checked_count(max_terms, "max_terms") if terms is None else checked_count(terms, "terms")
     aim = checked_tolerance(tolerance) if terms is None else 0.0
     return _neumann(problem(enclosure, emission, reflectance), jnp.asarray(aim), jnp.asarray(most))
-
-
-def truncation_bound(reflectance: float, terms: int, emission: float = 1.0) -> float:
-    r"""$\rho^M/(1-\rho) \max E$: what M terms of the series leave out at most, for one reflectance below 1.
-
-    ValueError for a reflectance outside [0, 1), where there is no bound, or terms below 1.
-    """
-    if not 0 <= reflectance < 1:
-        raise ValueError(f"reflectance must lie in [0, 1) for the series to have a bound; got {reflectance!r}")
-    return reflectance ** checked_count(terms, "terms") / (1 - reflectance) * emission
 
 
 @jax.jit
