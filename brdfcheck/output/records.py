@@ -12,7 +12,9 @@ import math
 import os
 import platform
 import re
+import shutil
 import stat
+import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -235,6 +237,21 @@ def _github_property(text: str) -> str:
 
 
 # --- files ---
+
+
+def exr_bytes(channels: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
+    """An EXR of float32 channels by name, each of shape (height, width); `metadata` becomes strings in the header."""
+    import numpy as np
+    import OpenEXR
+
+    header: dict[str, Any] = {f"brdfcheck.{key}": text for key, text in metadata.items()}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    pixels = {name: np.ascontiguousarray(channel, dtype=np.float32) for name, channel in channels.items()}
+    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
+        path = Path(folder, "image.exr")
+        with OpenEXR.File(header, pixels) as file:
+            file.write(str(path))
+        return path.read_bytes()
 
 
 def refuse_output(path: str) -> str | None:
