@@ -7,7 +7,9 @@ the irradiance by a radiance of 1 and 2 pi times the form factor. It holds for t
 
 from __future__ import annotations
 
+import functools
 import itertools
+import operator
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -20,7 +22,7 @@ from brdfcheck.scene.vectors import TINY, Vector, choose, cross, dot
 
 def whole(corners: Sequence[Vector], normal: Vector) -> Float[Array, "..."]:
     """The sum over all edges of a polygon whose `corners` are seen from the points: right where all of it is above."""
-    return sum((_edge(a, b, normal) for a, b in itertools.pairwise((*corners, corners[0]))), jnp.zeros(()))
+    return functools.reduce(operator.add, (_edge(a, b, normal) for a, b in itertools.pairwise((*corners, corners[0]))))
 
 
 def above_horizon(corners: Sequence[Vector], normal: Vector) -> Float[Array, "..."]:
