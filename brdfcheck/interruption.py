@@ -58,21 +58,6 @@ class Cleanup:
         _actions.remove(self)
 
 
-class Unheard:
-    """A context manager: processes that are started within it, from this thread, never hear of Ctrl-C.
-
-    For workers, which would each print a traceback; whoever started them ends them.
-    """
-
-    def __enter__(self) -> None:
-        if sys.platform != "win32":
-            self._before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-
-    def __exit__(self, *_: object) -> None:
-        if sys.platform != "win32":
-            signal.pthread_sigmask(signal.SIG_SETMASK, self._before)
-
-
 def say(text: str) -> None:
     """Write a line to the standard error of the process, past Python's streams and their locks."""
     try:

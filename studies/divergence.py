@@ -52,9 +52,10 @@ def run(size: str = "full") -> dict[str, Any]:
         for room, enclosure in (("sphere", transport.sphere(2)), ("cube", transport.box())):
             found = transport.energy_after_bounces(enclosure, brdf, BEAM, key=jax.random.key(3), paths=paths, beam=True)
             traced[room] = {"mean": np.asarray(found.mean).tolist(), "error": np.asarray(found.error).tolist()}
-        late = walls["mirror"].energy(kept) @ (2 * bare.weight * bare.cos_theta)
+        evenly = 2 * bare.weight * bare.cos_theta
+        late = walls["mirror"].energy(kept) @ evenly
         results.append({
-            "name": name, "n": n, "largest_albedo": float(bare.albedo()[-1]), "mean_albedo": float(bare.mean_albedo()),
+            "name": name, "n": n, "largest_albedo": float(bare.albedo()[-1]), "mean_albedo": float(bare.albedo() @ evenly),
             "radii": radii, "beam": np.asarray(bare.energy(np.arange(BEAM + 1)))[:, -1].tolist(), "traced": traced,
             "bounces": kept.tolist(), "late": np.asarray(late).tolist(),
         })  # fmt: skip

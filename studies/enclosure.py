@@ -52,8 +52,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Error against seconds; seconds against patches; radiosity against patches."""
+    from _instruments.transport import LABELS, SOLVERS
     from brdfcheck import plots
-    from brdfcheck.transport.styles import LABELS, SOLVERS
 
     told = record["summary"]
     with plots.house_style():

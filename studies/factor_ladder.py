@@ -31,8 +31,8 @@ def run(size: str = "full") -> dict[str, Any]:
     import jax.numpy as jnp
 
     import brdfcheck
-    from brdfcheck.fits.factor import describe
     from brdfcheck.fits.ladder import cost
+    from brdfcheck.output.text import describe
 
     results = []
     for name in NAMES if size == "full" else NAMES[:2]:

@@ -63,8 +63,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Left: error of each solver against the reflectance; right: how even the light is."""
+    from _instruments.transport import LABELS, SOLVERS
     from brdfcheck import plots
-    from brdfcheck.transport.styles import LABELS, SOLVERS
 
     with plots.house_style():
         figure = plots.empty(9.6, 4.3)

@@ -71,7 +71,7 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 def plot(record: dict[str, Any]) -> Any:
     """Three pictures, what smooth shading loses against the number of faces, and the excess in the furnace."""
     from brdfcheck import plots
-    from brdfcheck.scene import colour, presets
+    from brdfcheck.scene import images, presets
 
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
     faces, sides = [row["faces"] for row in smooth], {row["name"]: row["side"] for row in record["results"]}
@@ -80,7 +80,7 @@ def plot(record: dict[str, Any]) -> Any:
         top, (left, middle, right) = figure.subplots(2, 3)
         for axes, name in zip(top, SHOWN, strict=True):
             image = presets.render_preset(name, sides.get(name, 16))  # the programs of `pictures`
-            axes.imshow(colour.encode_srgb(image).transpose(1, 2, 0), interpolation="antialiased")
+            axes.imshow(images.encode_srgb(image).transpose(1, 2, 0), interpolation="antialiased")
             axes.set_title(name)
             axes.axis("off")
         for i, n in enumerate(EXPONENTS):

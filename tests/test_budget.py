@@ -19,10 +19,8 @@ from brdfcheck import plots
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.budgets import knobs, programs, report, scenes
 from brdfcheck.budgets import measure as measuring
-from brdfcheck.budgets.choice import REFUSED, Fault, Search
-from brdfcheck.budgets.measure import Budget, BudgetError, full_model, measure
-from brdfcheck.budgets.programs import Beside, Compiler, beside
-from brdfcheck.budgets.room import irradiance, room_numbers
+from brdfcheck.budgets.measure import REFUSED, Budget, BudgetError, Fault, Search, full_model, measure
+from brdfcheck.budgets.programs import Beside, Compiler, beside, irradiance, room_numbers
 from brdfcheck.messages import UsageError
 from brdfcheck.operations import traced
 from brdfcheck.scene.images import codes

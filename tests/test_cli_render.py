@@ -12,10 +12,11 @@ import png
 import pytest
 
 from brdfcheck.cli import ExitCode
+from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError
 from brdfcheck.scene import files as scene_files
 from brdfcheck.scene import presets
-from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.scene.images import encode_srgb
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -102,7 +103,7 @@ def test_a_scene_is_what_its_numbers_say(run: Run, here: Path) -> None:
 
     with OpenEXR.File(str(here / "scene.exr")) as file:
         pixels = file.channels()["RGB"].pixels
-    scene = scene_files.read_scene(here / "scene.toml")
+    scene = scene_files.parse_scene(*read_document(here / "scene.toml"))
     np.testing.assert_array_equal(pixels, np.moveaxis(scene.render(), 0, -1))
     np.testing.assert_allclose(pixels[0, 0], 0.1, rtol=1e-6)
     # A spot reaches nothing outside its cone, 45 degrees; ambient light everything that is matt.

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from selection import few
 
-from brdfcheck import BinomialPower, Factor
+from brdfcheck import BinomialPower, Factor, Family, Normalized
 from brdfcheck.brdf.factors import Constant, PhongExact, Proportional, RationalFactor
 from brdfcheck.fits.grids import AlbedoGrid, tabulate
 from brdfcheck.fits.surface import AlbedoFit, fit_albedo
@@ -239,7 +239,8 @@ def test_a_factor_without_a_formula(exported):
 
 @pytest.fixture(scope="module")
 def table() -> AlbedoGrid:
-    return tabulate(BinomialPower, factor=Factor(6, 24.55), count=(6, 4), placement="ends", n=(1, 40))
+    published = Family("published", lambda n: Normalized(BinomialPower(n), Factor(6, 15.0)), {"n": (1, 40)})
+    return tabulate(published, count=(6, 4))
 
 
 def test_csv(table, tmp_path):
@@ -249,10 +250,10 @@ def test_csv(table, tmp_path):
     assert np.array_equal(data[:, 0], table.nodes)
     assert np.array_equal(data[:, 1:], table.values)
     comments = [line for line in file.read_text().splitlines() if line.startswith("#")]
-    assert comments[-1].startswith("# n,0,")
+    assert comments[-1].startswith("# n,0.125,")
     assert np.array_equal([float(word) for word in comments[-1].split(",")[1:]], table.cos_theta)
     assert "# clamp: none: values above 1 are values above 1" in comments
-    assert "# factor: included: (n + 6) / 24.55" in comments
+    assert "# factor: included: (n + 6) / 15" in comments
     assert "# command: the command" in comments
 
 

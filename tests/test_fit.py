@@ -15,8 +15,11 @@ from brdfcheck.brdf.exact_factors import exact_factor
 from brdfcheck.brdf.factors import Factor, Normalized, RationalFactor
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
-from brdfcheck.fits.factor import OBJECTIVES, RawAlbedo, certify, describe, fit_factor, to_json_object
+from brdfcheck.fits.factor import OBJECTIVES, certify, fit_factor
 from brdfcheck.fits.minimax import spread
+from brdfcheck.fits.raw import RawAlbedo
+from brdfcheck.output.records import fit_object
+from brdfcheck.output.text import describe
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict
 
@@ -295,7 +298,7 @@ def test_formulas_and_json():
     assert describe(Factor(-6.0, -24.55)) == "(6 - n)/24.55"
     assert describe(RationalFactor([1.0, -2.0, 3.0], [1.0, 0.5])) == "(3 n^2 - 2 n + 1)/(0.5 n + 1)"
     fit = fit_factor("phong", (1, 10), "reciprocal")
-    record = json.loads(json.dumps(to_json_object(fit)))
+    record = json.loads(json.dumps(fit_object(fit)))
     assert record["factor"]["form"] == "Factor"
     assert record["factor"]["A"] == pytest.approx(2)
     assert len(record["history"]) == len(fit.history)

@@ -40,6 +40,7 @@ FLOORS = [
 NEIGHBOURS = {
     ("budgets", "scene"): "a budget is of the picture of a scene",
     ("budgets", "transport"): "its room is an enclosure",
+    ("transport", "scene"): "a polygon sends the same light to a point as a light and as a wall",
 }
 FILES = sorted(PACKAGE.rglob("*.py"))
 

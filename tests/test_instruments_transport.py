@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from _instruments import transport as measure
+from _instruments.transport import LABELS, SOLVERS
 from brdfcheck import Factor, Lambert, Normalized, Phong, transport
 from brdfcheck.output import records
-from brdfcheck.transport.styles import LABELS, SOLVERS
 
 pytestmark = pytest.mark.slow  # an instrument of studies
 KEY = jax.random.key(0)

@@ -5,10 +5,11 @@ import pytest
 import trimesh
 from selection import few
 
+from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError
 from brdfcheck.scene.cameras import Orthographic, Perspective
-from brdfcheck.scene.colour import rgb_of_spectrum
-from brdfcheck.scene.files import parse_scene, read_scene
+from brdfcheck.scene.files import parse_scene
+from brdfcheck.scene.images import rgb_of_spectrum
 from brdfcheck.scene.lights import Distant
 from brdfcheck.scene.materials import Metal, Surface, Term
 from brdfcheck.scene.meshes import icosphere
@@ -105,7 +106,7 @@ def test_a_function_of_a_file_is_a_term(tmp_path):
         'size = 16\n[material]\nkind = "surface"\nterms = [{ brdf = "mine.py:matt", albedo = 0.5 }]\n'
         '[[lights]]\nkind = "distant"\ndirection = [1, 1, 1]\n'
     )
-    read = read_scene(tmp_path / "s.toml")
+    read = parse_scene(*read_document(tmp_path / "s.toml"))
     assert read.named_files
     np.testing.assert_allclose(read.render(), scene().render(), atol=1e-6)
     for terms, words in (

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from brdfcheck.scene import images
-from brdfcheck.scene.colour import encode_srgb, rgb_of_spectrum
+from brdfcheck.scene.images import encode_srgb, rgb_of_spectrum
 
 IMAGE = np.random.default_rng(0).uniform(-0.1, 1.2, (3, 21, 34)).astype(np.float32)
 WAVELENGTHS, ORANGE = [380, 550, 600, 780], [0.05, 0.1, 0.8, 0.9]

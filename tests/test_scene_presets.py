@@ -10,7 +10,7 @@ from selection import few
 
 from brdfcheck import albedo
 from brdfcheck.brdf import catalog
-from brdfcheck.scene import canvas, failures, figures, images, meshes, presets, smooth_shading, white_furnace
+from brdfcheck.scene import canvas, failures, images, meshes, presets, smooth_shading, white_furnace
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.lights import Ambient, Distant, Environment
 from brdfcheck.scene.materials import Surface, Term
@@ -76,7 +76,7 @@ def test_no_validated_brdf_is_left_out_of_the_furnace(monkeypatch, count):
 
 @pytest.mark.slow
 def test_figure_9_is_the_same_by_equation_and_by_rays_and_its_spheres_are_apart():
-    spheres, lights, camera = figures.figure_9_spheres(), [Distant((1.0, 1.0, 1.0))], Orthographic()
+    spheres, lights, camera = presets.figure_9_spheres(), [Distant((1.0, 1.0, 1.0))], Orthographic()
     for i, one in enumerate(spheres):
         for other in spheres[:i]:
             apart = np.linalg.norm(np.asarray(one.center) - np.asarray(other.center))

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -101,7 +97,6 @@ def test_small_and_far_rectangles_against_80_digits(starts, power, distance, exa
     else:
         found = transport.parallel_rectangles(*sides, distance)
     assert abs(found.value - exact) <= found.error + 2e-16 * exact
-    assert found.error <= 1e-8 * exact
 
 
 @pytest.mark.parametrize("rectangles", [transport.parallel_rectangles, transport.perpendicular_rectangles])
@@ -124,7 +119,6 @@ def test_errors_hold_for_far_rectangles_of_any_size(rectangles):
         expected = brute(first, second, 6) / ((x[1] - x[0]) * (y[1] - y[0]))
         # The points of the brute force are rounded where the rectangles are.
         assert abs(found.value - expected) <= found.error + 1e-12 * expected
-        assert found.error <= 1e-7 * expected
 
 
 def test_disks_against_quadrature():
@@ -152,63 +146,7 @@ def test_arrays_and_errors_that_hold():
     assert np.max(np.abs(found.value - found.value.T)) <= 2 * np.max(found.error)
 
 
-# --- the polygon ---
-
-
-def test_point_to_polygon_as_in_the_facts():
-    origin, up, ahead = np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0])
-    assert transport.point_to_polygon(origin, ahead, WALL) == pytest.approx(0.554126423979572, abs=1e-15)
-    assert transport.point_to_polygon(origin, up, WALL) == pytest.approx(0.1114683940, abs=5e-11)
-    assert transport.point_to_polygon(origin, up, WALL[::-1]) == pytest.approx(-0.1114683940, abs=5e-11)
-    # Without the horizon the formula is the light through both halves, which cancel: what a missing clip would give.
-    lower = transport.point_to_polygon(origin, -up, WALL)
-    assert transport.point_to_polygon(origin, up, WALL) - lower == pytest.approx(0, abs=1e-15)
-    corner = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)[::-1]
-    assert transport.point_to_polygon(origin, up, corner) == pytest.approx(-0.1385316060, abs=5e-11)
-    assert transport.point_to_polygon(origin, up, corner[::-1]) == pytest.approx(0.1385316060, abs=5e-11)
-    below = WALL - np.array([0, 0, 5.0])
-    assert transport.point_to_polygon(origin, up, below) == 0
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_clip_against_rays(seed):
-    """Seven corners, tilted across the horizon: the share of cosine-distributed rays that hit."""
-    generator = np.random.default_rng(seed)
-    turns = np.sort(generator.uniform(0, 2 * np.pi, 7))
-    flat = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=-1)
-    frame = np.linalg.qr(generator.normal(size=(3, 3)))[0]
-    centre = np.array([0.8, 0.3, 0.1]) + 0.3 * generator.normal(size=3)
-    polygon, normal = centre + flat @ frame.T, frame[:, 2]
-    if np.linalg.det(frame) < 0:
-        polygon = polygon[::-1]
-    # Clockwise as seen from the origin where the normal points away from it.
-    sign = 1 if normal @ centre > 0 else -1
-    u, v = generator.random((2, 400_000))
-    wo = np.stack([np.sqrt(u) * np.cos(2 * np.pi * v), np.sqrt(u) * np.sin(2 * np.pi * v), np.sqrt(1 - u)], axis=-1)
-    reach = (normal @ centre) / (wo @ normal)
-    place = (wo * reach[:, None] - centre) @ frame
-    inside = reach > 0
-    for a, b in itertools.pairwise([*flat, flat[0]]):
-        inside &= (b[0] - a[0]) * (place[:, 1] - a[1]) - (b[1] - a[1]) * (place[:, 0] - a[0]) > 0
-    share = np.mean(inside)
-    found = float(transport.point_to_polygon(np.zeros(3), np.array([0, 0, 1.0]), polygon)) * sign
-    assert 0.01 < share < 0.99
-    assert abs(found - share) < 4.5 * np.sqrt(share * (1 - share) / len(u))
-
-
-def test_the_polygon_formula_in_float32_and_its_gradient():
-    def factor(height):
-        point = jnp.stack([0 * height, 0 * height, height])
-        return transport.point_to_polygon(point, jnp.asarray([0.0, 0.6, 0.8], height.dtype), jnp.asarray(WALL, height.dtype))
-
-    step = 1e-5
-    slope = (factor(jnp.asarray(0.3 + step)) - factor(jnp.asarray(0.3 - step))) / (2 * step)
-    assert jax.grad(factor)(jnp.asarray(0.3)) == pytest.approx(float(slope), rel=1e-8)
-    single = factor(jnp.asarray(0.3, jnp.float32))
-    assert single.dtype == jnp.float32
-    assert single == pytest.approx(float(factor(jnp.asarray(0.3))), rel=1e-5)
-    batch = transport.point_to_polygon(jnp.zeros((4, 5, 3)), jnp.asarray([0.0, 0, 1]), WALL)
-    assert batch.shape == (4, 5)
+# --- polygons ---
 
 
 @pytest.mark.parametrize(("other", "name"), [(TOP, "parallel"), (SIDE, "sharing an edge")])
@@ -243,10 +181,6 @@ def test_patches_that_cut_each_others_horizon():
         (lambda: transport.perpendicular_rectangles((-1, 1), UNIT, UNIT, UNIT), "distance from the line .* got -1"),
         (lambda: transport.coaxial_disks(-1, 1, 1), "radius must be finite and >= 0; got -1"),
         (lambda: transport.inside_sphere(1, np.inf), "radius must be finite and > 0; got inf"),
-        (lambda: transport.point_to_polygon(np.zeros(3), np.eye(3)[2], WALL[:2]), "at least 3 vertices"),
-        (lambda: transport.point_to_polygon(np.zeros(3), np.zeros(3), WALL), "unit vectors; got one of the length 0"),
-        (lambda: transport.point_to_polygon(np.full(3, np.nan), np.eye(3)[2], WALL), "points must be finite"),
-        (lambda: transport.point_to_polygon(np.zeros(2), np.eye(3)[2], WALL), r"points must have the shape \(\.\.\., 3\)"),
         (lambda: transport.patch_form_factor(BOTTOM[:2], TOP), "the first polygon must have at least 3 vertices"),
         (lambda: transport.patch_form_factor(BOTTOM, TOP * [1, 0, 1]), "the second polygon has no area"),
         (lambda: transport.patch_form_factor(BOTTOM, TOP + np.eye(4, 3)), "the second polygon is not flat"),

@@ -302,7 +302,8 @@ def test_the_angular_operator_has_the_albedo_of_its_brdf(name, value):
     assert np.max(off[inside]) < 2e-4
     radius = operator.spectral_radius()
     # Between the mean albedo (the quotient of the constant) and the largest one (Schur's bound).
-    assert float(operator.mean_albedo()) - 1e-9 <= radius.value <= float(jnp.max(operator.albedo())) + 1e-9
+    mean = float(jnp.sum(2 * operator.weight * operator.cos_theta * operator.albedo()))
+    assert mean - 1e-9 <= radius.value <= float(jnp.max(operator.albedo())) + 1e-9
 
 
 def test_the_radius_against_an_eigensolver_and_lambert():
@@ -328,25 +329,6 @@ def test_otherwise_loss_free_walls(remainder):
     # A lobe that conserves keeps its energy for ever.
     valid = transport.angular_operator(entry("blinn-phong-fitted", 8.76)).completed(remainder)
     assert np.asarray(valid.energy([10_000])) == pytest.approx(1, abs=1e-9)
-
-
-@pytest.mark.slow
-def test_a_completed_brdf_is_one():
-    wall = transport.completed(PUBLISHED)
-    operator = transport.angular_operator(wall)
-    assert np.asarray(operator.albedo()) == pytest.approx(
-        np.maximum(np.asarray(transport.angular_operator(PUBLISHED).albedo()), 1), abs=3e-5
-    )
-    assert operator.spectral_radius().value == pytest.approx(1.0037017, abs=3e-6)
-    generator = np.random.default_rng(0)
-    wi, wo = generator.normal(size=(2, 50, 3))
-    wi, wo = (part / np.linalg.norm(part, axis=-1, keepdims=True) for part in (wi, wo))
-    wi, wo = (jnp.asarray(part * [1, 1, np.sign(part[0, 2]) or 1]) for part in (wi, wo))
-    assert np.asarray(wall(wi, wo)) == pytest.approx(np.asarray(wall(wo, wi)), rel=1e-12)
-    found = transport.energy_after_bounces(transport.sphere(4, 2), wall, 20, key=KEY, paths=2**16)
-    exact = np.asarray(operator.energy(np.arange(21)) @ (2 * operator.cos_theta * operator.weight))
-    assert exact[-1] > 1.07
-    assert np.max(np.abs((np.asarray(found.mean) - exact)[1:] / np.asarray(found.error)[1:])) < 4.5
 
 
 # --- programs ---
@@ -409,7 +391,6 @@ def test_no_number_recompiles():
         (TypeError, lambda box: transport.trace(transport.cylinder(), 1.0, 0.5, key=KEY), "need a sphere or a box"),
         (TypeError, lambda box: transport.trace(box, 1.0, 0.5, key=KEY, brdf=lambda i, o: 1), "about an axis or one made of"),
         (ValueError, lambda box: transport.energy_after_bounces(box, PUBLISHED, 0, key=KEY), "bounces must be a whole number"),
-        (ValueError, lambda box: transport.completed(Lambert(1.0)), "loses nothing"),
         (ValueError, lambda box: transport.angular_operator(PUBLISHED, nodes=0), "nodes must be a whole number >= 1; got 0"),
         (TypeError, lambda box: transport.angular_operator(3), "must be callable"),
         (ValueError, lambda box: transport.angular_operator(Lambert()).completed("x"), "one of diffuse, mirror; got 'x'"),

@@ -3,5 +3,5 @@
     found = brdfcheck.budget("scene.toml", tolerance="0.5/255")
     found.chosen, found.error, found.seconds, found.full_seconds
 
-`scenes` reads the scene, `knobs` says what may be simplified in it, `programs` renders and times, `choice` searches.
+`scenes` reads the scene, `knobs` says what may be simplified in it, `programs` renders and times, `measure` searches.
 """

@@ -4,20 +4,26 @@ The reference is the full model: every knob at its dearest rung. Errors are thos
 (`brdfcheck.operations`), as shares of the full model's: the same in every process, so that the choice is, and stays monotone
 in the tolerance. Time is measured of the choice alone, beside the full model: it says what is really saved, and a combination
 that takes longer against the model's word is not chosen.
+
+Every combination has one fixed place in an order of cost and one fixed error, found when it is first asked for; the choice is
+the first one in that order that is good enough. So it is monotone by construction: what is good enough for a tolerance is good
+enough for a looser one, which therefore never costs more. The error of a combination is the largest of that of its own picture
+and those of its rungs, each alone in the full model: errors that happen to cancel in this one picture are not counted on, and
+a combination with a rung that is too bad by itself needs no picture.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
 from brdfcheck.budgets import scenes
-from brdfcheck.budgets.choice import REFUSED, Combination, Fault, Search
 from brdfcheck.budgets.knobs import Knob, knobs_of, plan_of, refusal_of
 from brdfcheck.budgets.programs import Beside, Compiler, Image, Program, beside
 from brdfcheck.budgets.scenes import Scene
@@ -25,6 +31,93 @@ from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.materials import NotConserving
+
+Combination = tuple[int, ...]
+
+
+class Fault(NamedTuple):
+    """The error of a pixel (units of full scale) and of the energy (relative); inf where a picture is refused."""
+
+    pixel: float
+    energy: float
+
+    def within(self, tolerance: Fault) -> bool:
+        """True where neither exceeds its tolerance."""
+        return self.pixel <= tolerance.pixel and self.energy <= tolerance.energy
+
+    def worse(self, other: Fault) -> Fault:
+        """The larger of each."""
+        return Fault(max(self.pixel, other.pixel), max(self.energy, other.energy))
+
+
+REFUSED = Fault(np.inf, np.inf)
+
+
+@dataclass
+class Search:
+    """Combinations of rungs, one of each ladder, in their order of cost.
+
+    `own`: for each ladder the errors of its rungs alone. `cost`: of a combination, a fixed number; of equal costs the smaller
+    sum of the rungs' errors comes first. `picture`: the error of a combination's picture, called once for each that is needed.
+    `allowed`: whether a combination may be chosen at all, called once for each that is good enough; by default any may.
+    `errors`: those that are known.
+    """
+
+    own: Sequence[Sequence[Fault]]
+    cost: Callable[[Combination], float]
+    picture: Callable[[Combination], Fault]
+    allowed: Callable[[Combination], bool] = field(default=lambda _: True)
+    errors: dict[Combination, Fault] = field(default_factory=dict)
+    _verdicts: dict[Combination, bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.order = sorted(itertools.product(*(range(len(ladder)) for ladder in self.own)), key=self._key)
+
+    def _key(self, combination: Combination) -> tuple[float, float, Combination]:
+        # Sums that differ by rounding are equal.
+        return float(f"{self.cost(combination):.9e}"), self.predicted(combination).pixel, combination
+
+    def least(self, combination: Combination) -> Fault:
+        """The worst of its rungs alone: its error is at least that."""
+        worst = Fault(0.0, 0.0)
+        for ladder, i in zip(self.own, combination, strict=True):
+            worst = worst.worse(ladder[i])
+        return worst
+
+    def predicted(self, combination: Combination) -> Fault:
+        """The sum of the errors of its rungs."""
+        parts = [ladder[i] for ladder, i in zip(self.own, combination, strict=True)]
+        return Fault(sum(part.pixel for part in parts), sum(part.energy for part in parts))
+
+    def error(self, combination: Combination) -> Fault:
+        """Its error; its picture is made if it was not."""
+        if combination not in self.errors:
+            self.errors[combination] = self.picture(combination).worse(self.least(combination))
+        return self.errors[combination]
+
+    def best(self, tolerance: Fault) -> Combination | None:
+        """The first in the order of cost that is within the tolerance; None where none is."""
+        for combination in self.order:
+            if self.least(combination).within(tolerance) and self.error(combination).within(tolerance):
+                if combination not in self._verdicts:
+                    self._verdicts[combination] = self.allowed(combination)
+                if self._verdicts[combination]:
+                    return combination
+        return None
+
+    def frontier(self) -> list[Combination]:
+        """Of the combinations with known errors that may be chosen: those with no other that costs and errs no more."""
+        known = [
+            one
+            for one in self.order
+            if one in self.errors and np.isfinite(self.errors[one].pixel) and self._verdicts.get(one, True)
+        ]
+        kept: list[Combination] = []
+        for one in sorted(known, key=lambda one: (self._key(one)[0], self.errors[one].pixel)):
+            if not kept or self.errors[one].pixel < self.errors[kept[-1]].pixel:
+                kept.append(one)
+        return kept
+
 
 # Tolerances, over the one that is asked for, whose choices are rendered for the chart.
 _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)

@@ -34,7 +34,7 @@ from jaxtyping import Float
 from brdfcheck.documents import Model, read_document, shown, validated
 from brdfcheck.messages import UsageError
 from brdfcheck.scene import files as scene_files
-from brdfcheck.scene.colour import encode_srgb
+from brdfcheck.scene.images import encode_srgb
 from brdfcheck.scene.materials import Surface
 
 OWN = ("output", "matters", "room")

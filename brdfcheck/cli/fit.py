@@ -128,7 +128,7 @@ def _refuse(export: tuple[Kind, str], json: str | None) -> None:
 def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tuple[Kind, str] | None) -> int:
     began = time.perf_counter()
     start()
-    from brdfcheck.fits.factor import factor_json, fit_factor, to_json_object
+    from brdfcheck.fits.factor import fit_factor
     from brdfcheck.fits.ladder import factor_ladder
     from brdfcheck.output import records
     from brdfcheck.output import text as console
@@ -157,9 +157,9 @@ def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tupl
         with asked():
             output.line(_write(export, content, fit, _command(settings), output))
     code = ExitCode.PASSED if fit.report.passed else ExitCode.FAILED
-    result = to_json_object(fit) | {"report": records.to_json_object(fit.report)}
+    result = records.fit_object(fit)
     if rungs:
-        result["ladder"] = [vars(rung) | {"factor": factor_json(rung.factor), "lost": rung.lost} for rung in rungs]
+        result["ladder"] = [vars(rung) | {"factor": records.factor_object(rung.factor), "lost": rung.lost} for rung in rungs]
     summary = {"seconds": time.perf_counter() - began, "exit_code": int(code)}
     output.write_json(lambda: records.document("fit", [result], settings=settings, summary=summary))
     return code

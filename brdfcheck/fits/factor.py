@@ -11,26 +11,18 @@ the worst angle that `check` finds is put into the program until there is none a
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
-from brdfcheck.brdf import catalog
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.callables import name_of
-from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Normalized, PerCosine, Proportional, RationalFactor
+from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Proportional, RationalFactor
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.subject import as_family
 from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, extrema, spread
-from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.runtime import double_precision
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check_family
 
@@ -43,10 +35,6 @@ SAMPLINGS: tuple[Sampling, ...] = ("geometric", "linear", "integers")
 _ROUNDS = 8
 # In units of the largest exponent. Beyond it (n+A)/B is a constant in all but name.
 _LARGEST_A = 1e6
-# A range that is narrower than this part of its end is one exponent: what a slope would win is below the error bars.
-_NARROW = 1e-9
-# Minima that are equal up to this part are one value, reached more than once.
-_TIE = 1e-12
 # Below this a factor loses so much of the light that the reader is told why.
 _WASTEFUL = 0.7
 
@@ -91,119 +79,6 @@ class FactorFit:
     def verdict(self) -> Verdict:
         """Whether the lobe with this factor conserves energy, over all angles."""
         return self.report.verdict
-
-
-class RawAlbedo:
-    """The albedo of a family of one exponent n without its factor, as a function of n, and the family with a factor on it.
-
-    ValueError where the family has no exponent n, or other parameters besides.
-    """
-
-    def __init__(self, target: Any, n: tuple[float, float]):
-        low, high = _checked_range(n)
-        self.low, self.high = low, high
-        family = _one_exponent(target, (low, high))
-        self.name = family.name
-        self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
-        self._albedo = PointwiseAlbedo(self.family)
-
-    @property
-    def lobe(self) -> Any:
-        """The family's member at the lower end of the range, without its factor."""
-        return self.family.build(n=self.low)
-
-    @property
-    def single(self) -> bool:
-        """True where the range is one exponent in all but name: within it no factor varies."""
-        return self.high - self.low <= _NARROW * self.high
-
-    @property
-    def fast(self) -> bool:
-        """True where an albedo costs microseconds."""
-        return self._albedo.fast
-
-    def grid(self) -> np.ndarray:
-        """Exponents to begin with, the ends of the range among them."""
-        return spread(self.low, self.high, (257, 65, 33, 33)[self._albedo.effort])
-
-    def __call__(self, n: np.ndarray) -> np.ndarray:
-        """The raw albedo at normal incidence (or the cosine nearest to it that the family allows), shape (points,)."""
-        return self.at(n, np.full(len(n), self.family.cos_theta[1]))
-
-    def at(self, n: np.ndarray, cos_theta: np.ndarray) -> np.ndarray:
-        """The raw albedo at pairs of exponent and cosine of incidence, shape (points,)."""
-        return self._albedo(n[:, None], cos_theta, np.zeros(len(n)))[0]
-
-    def with_factor(self, factor: AbstractFactor) -> Family:
-        """The family with this factor instead of none."""
-        raw = self.family
-        return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n))
-
-    def lowest(self, factor: AbstractFactor) -> tuple[float, float]:
-        """The smallest albedo at normal incidence with `factor`, and its exponent: a continuous minimum.
-
-        Where it is reached more than once, as minimax factors reach it, the exponent is the smallest.
-        """
-        grid = self.grid()
-
-        def curve(n: np.ndarray) -> np.ndarray:
-            return np.asarray(factor(jnp.asarray(n))) * self(n)
-
-        places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
-        smallest = float(np.min(values))
-        return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
-
-
-def _checked_range(n: tuple[float, float]) -> tuple[float, float]:
-    try:
-        low, high = (float(bound) for bound in n)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the range of n must be two numbers (LO, HI); got {n!r}") from error
-    if not (math.isfinite(low) and math.isfinite(high) and 0 <= low <= high):
-        raise ValueError(f"the range of n must be finite, with 0 <= LO <= HI; got {low:g}:{high:g}")
-    return low, high
-
-
-def _one_exponent(target: Any, n: tuple[float, float]) -> Family:
-    name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
-    known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
-    if known is not None and "n" not in known.ranges:
-        has = ", ".join(known.ranges) or "no parameters"
-        raise ValueError(f"{name} has no exponent n to normalise over; it has {has}")
-    family = as_family(target, {"n": n}, None)
-    held = {key: bounds for key, bounds in family.ranges.items() if key != "n"}
-    for key, (low, high) in held.items():
-        if low != high:
-            raise ValueError(f"{name}: a factor is a function of n alone; hold {key} at one value, not {low:g}:{high:g}")
-    values = {key: low for key, (low, _) in held.items()}
-    return Family(family.name, lambda n: family.build(n=n, **values), {"n": n}, family.cos_theta)
-
-
-def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:
-    """`brdf` with the factor in place of its own (None: without any)."""
-    if isinstance(brdf, Normalized):
-        return _with_factor(brdf.lobe, factor, n)
-    if isinstance(brdf, PerCosine):
-        return PerCosine(_with_factor(brdf.base, factor, n))
-    if factor is None:
-        return brdf
-    if isinstance(brdf, AbstractZonalLobe) and hasattr(brdf, "n"):
-        return Normalized(brdf, factor)
-    if isinstance(brdf, AbstractBRDF):
-        return _Scaled(brdf, factor, n)
-    # A function stays what it was: one that JAX can trace, or one of numpy.
-    return lambda wi, wo: factor(jnp.asarray(n)) * brdf(wi, wo)
-
-
-class _Scaled(AbstractBRDF):
-    """Any BRDF times a factor: for families whose exponent is hidden in other parameters."""
-
-    base: AbstractBRDF
-    factor: AbstractFactor
-    n: Any
-
-    def __call__(self, wi: Any, wo: Any) -> Any:
-        return self.factor(jnp.asarray(self.n)) * self.base(wi, wo)
 
 
 def certify(raw: RawAlbedo, factor: Factor, *, tolerance: float = TOLERANCE) -> tuple[Factor, Report]:
@@ -275,27 +150,18 @@ def _samples(raw: RawAlbedo, sampling: Sampling, count: int) -> np.ndarray:
 
 
 def _least_squares(raw: RawAlbedo, n: np.ndarray, objective: Objective) -> Factor:
-    """Levenberg-Marquardt on the residuals of either objective, which are linear in 1/B and A/B."""
+    """The least squares of either objective, whose residuals are linear in 1/B and A/B."""
     albedo = raw(n)
     if not np.all(np.isfinite(albedo) & (albedo > 0)):
         raise ValueError(f"{raw.name}: the raw albedo must be finite and > 0 to be normalised")
     if n.size == 1:
         return _one_point(float(n[0]), float(albedo[0]))
+    # Both unknowns are linear: 1/B in units of the largest exponent, and A/B.
     scale = float(n[-1])
-    # Both unknowns are of the order of 1/E(n) at the upper end.
-    size = 1 / albedo[-1]
-
-    def residual(unknowns: Any, _: Any) -> Any:
-        line = size * (unknowns[0] * jnp.asarray(n) / scale + unknowns[1])
-        return (
-            line * jnp.asarray(albedo) - 1 if objective == "least-squares" else line / size - 1 / (size * jnp.asarray(albedo))
-        )
-
-    # Linear, so a Gauss-Newton step with little damping ends it; the tolerance is on the scaled unknowns.
-    solver = optx.LevenbergMarquardt(rtol=1e-13, atol=1e-15)
-    solution = optx.least_squares(residual, solver, jnp.asarray([1.0, 0.0]), max_steps=400, throw=False)
-    slope, offset = (float(part) for part in solution.value)
-    return _two_constants(raw, offset * size, slope * size / scale)
+    columns = np.stack([n / scale, np.ones_like(n)], axis=1)
+    weight = albedo if objective == "least-squares" else np.ones_like(n)
+    slope, offset = np.linalg.lstsq(columns * weight[:, None], weight / albedo, rcond=None)[0]
+    return _two_constants(raw, float(offset), float(slope) / scale)
 
 
 def _one_point(n: float, albedo: float) -> Factor:
@@ -481,67 +347,3 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any], best_of_its_form: bool) -> str:
         elif rise[1] > 0 and rise[1] > 1.5 * rise[0]:
             text += "; it grows like a power of n: the lobe stops getting narrower"
     return text
-
-
-def closed_form(raw: RawAlbedo) -> AbstractFactor | None:
-    """The exact factor of the lobe behind `raw`, where there is a closed form."""
-    return exact_factor(raw.lobe)
-
-
-def to_json_object(fit: FactorFit) -> dict[str, Any]:
-    """All fields of a fit but its report, ready for strict JSON."""
-    return {
-        "name": fit.name,
-        "objective": fit.objective,
-        "sampling": fit.sampling,
-        "n": list(fit.n),
-        "factor": factor_json(fit.factor),
-        "fitted": factor_json(fit.fitted),
-        "peak": fit.peak,
-        "peak_error": fit.peak_error,
-        "at": dict(fit.at),
-        "smallest": fit.smallest,
-        "smallest_n": fit.smallest_n,
-        "remark": fit.remark,
-        "history": [
-            {"factor": factor_json(step.factor), "peak": step.peak, "smallest": step.smallest, "note": step.note}
-            for step in fit.history
-        ],
-    }
-
-
-def factor_json(factor: AbstractFactor) -> dict[str, Any]:
-    """The form and the constants of a factor, ready for strict JSON."""
-    constants = {
-        key: cast(Any, np.asarray(value).tolist())
-        for key, value in vars(factor).items()
-        if isinstance(value, (jax.Array, np.ndarray))
-    }
-    return {"form": type(factor).__name__, **constants}
-
-
-def describe(factor: AbstractFactor, digits: int = 6) -> str:
-    """The factor as a formula in n."""
-    if isinstance(factor, Factor):
-        a, b = float(factor.A), float(factor.B)
-        if b < 0:
-            return f"({-a:.{digits}g} - n)/{-b:.{digits}g}"
-        return f"(n {'+' if a >= 0 else '-'} {abs(a):.{digits}g})/{b:.{digits}g}"
-    if isinstance(factor, Constant):
-        return f"{float(factor.value):.{digits}g}"
-    if isinstance(factor, Proportional):
-        return f"n/{float(factor.B):.{digits}g}"
-    if isinstance(factor, RationalFactor):
-        parts = [_polynomial(np.asarray(part), digits) for part in (factor.numerator, factor.denominator)]
-        return f"({parts[0]})/({parts[1]})"
-    return type(factor).__name__
-
-
-def _polynomial(coefficients: np.ndarray, digits: int) -> str:
-    terms = []
-    for power in range(len(coefficients) - 1, -1, -1):
-        value = float(coefficients[power])
-        letter = "" if power == 0 else "n" if power == 1 else f"n^{power}"
-        sign = ("-" if value < 0 else "") if not terms else (" - " if value < 0 else " + ")
-        terms.append(f"{sign}{abs(value):.{digits}g}{' ' if letter else ''}{letter}")
-    return "".join(terms)

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.base import AbstractZonalLobe
-from brdfcheck.brdf.factors import AbstractFactor, Factor, Normalized, PerCosine, peel
+from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine, peel
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
@@ -45,39 +44,17 @@ def formula_of(family: Family) -> str:
     return f"{entry.formula}, its factor replaced by the one named below"
 
 
-def one_parameter_family(
-    target: Any,
-    cos_theta: tuple[float, float] | None = None,
-    factor: Any = None,
-    **ranges: tuple[float, float],
-) -> Family:
-    """What `brdfcheck.check` takes, as a family of exactly one parameter; with `factor`, in place of the family's own.
+def one_parameter_family(target: Any, cos_theta: tuple[float, float] | None, ranges: dict[str, tuple[float, float]]) -> Family:
+    """What `brdfcheck.check` takes, as a family of exactly one parameter.
 
-    `factor`: anything callable with an exponent, or with numbers A and B. Raises ValueError for bad ranges, parameters other
-    than one, or a factor for something that is not a lobe about an axis; KeyError and TypeError as `check` does.
+    Raises ValueError for bad ranges or parameters other than one; KeyError and TypeError as `check` does.
     """
     family = as_family(target, ranges, cos_theta)
     if len(family.ranges) != 1:
         raise ValueError(
             f"{family.name} has {len(family.ranges)} parameters ({', '.join(family.ranges) or 'none'}); exactly one is needed"
         )
-    if factor is None:
-        return family
-    if not callable(factor):
-        if not (hasattr(factor, "A") and hasattr(factor, "B")):
-            raise ValueError(f"a factor must be callable or have numbers A and B; got {factor!r}")
-        factor = Factor(float(factor.A), float(factor.B))
-    scale: Any = factor
-
-    def build(**values: Any) -> Normalized:
-        brdf = family.build(**values)
-        lobe = brdf.lobe if isinstance(brdf, Normalized) else brdf
-        if not isinstance(lobe, AbstractZonalLobe):
-            raise ValueError(f"a factor (n+A)/B needs a lobe with an exponent n; {family.name} is not one")
-        return Normalized(lobe, scale)
-
-    build(**{name: low for name, (low, _) in family.ranges.items()})
-    return Family(family.name, build, family.ranges, family.cos_theta)
+    return family
 
 
 class Sampler:
@@ -139,45 +116,35 @@ def tabulate(
     *,
     count: tuple[int, int] = (64, 64),
     cos_theta: tuple[float, float] | None = None,
-    factor: Any = None,
-    placement: str = "centres",
-    rtol: float | None = None,
     **ranges: tuple[float, float],
 ) -> AlbedoGrid:
     """The quadrature's albedo on a grid of `count` (parameter, cos_theta) nodes, with the factor, never clamped.
 
-    `target`, `factor`, `ranges` as for `fit_albedo`. `placement`: "centres", node k of N at t = (k + 1/2)/N, as the texels of
-    a texture lie, or "ends", t = k/(N - 1). cos_theta runs evenly in t; a parameter that spans more than a factor of 10
-    geometrically. RGB families: the largest channel. Raises as `fit_albedo` does, and ValueError for counts below 2 or an
-    unknown placement.
+    `target`, `cos_theta`, `ranges` as for `fit_albedo`. Node k of N is at t = (k + 1/2)/N, as the texels of a texture lie.
+    cos_theta runs evenly in t; a parameter that spans more than a factor of 10 geometrically. RGB families: the largest
+    channel. Raises as `fit_albedo` does, and ValueError for counts below 2.
     """
-    if placement not in ("centres", "ends"):
-        raise ValueError(f"placement must be 'centres' or 'ends'; got {placement!r}")
     if len(count) != 2 or any(isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size < 2 for size in count):
         raise ValueError(f"count must be two integers >= 2; got {count!r}")
     with double_precision():
-        family = one_parameter_family(target, cos_theta, factor, **ranges)
-        return _tabulated(family, Sampler(family, rtol), count, placement)
-
-
-def _tabulated(family: Family, sampler: Sampler, count: tuple[int, int], placement: str) -> AlbedoGrid:
-    t = [(np.arange(size) + 0.5) / size if placement == "centres" else np.linspace(0, 1, size) for size in count]
-    nodes, rule = spaced(*sampler.range, t[0])
-    low, high = family.cos_theta
-    mu = low + (high - low) * t[1]
-    values, errors = sampler(nodes, mu)
-    where = "(k + 1/2)/N" if placement == "centres" else "k/(N - 1)"
-    words = f"node k of N at t = {where}; {sampler.parameter} = {rule}; cos_theta = {low:g} + t ({high:g} - {low:g})"
-    return AlbedoGrid(
-        family,
-        sampler.parameter,
-        nodes,
-        mu,
-        values,
-        errors,
-        sampler.albedo.engine_name,
-        sampler.form,
-        sampler.factor,
-        sampler.factored,
-        words,
-    )
+        family = one_parameter_family(target, cos_theta, ranges)
+        sampler = Sampler(family, None)
+        t = [(np.arange(size) + 0.5) / size for size in count]
+        nodes, rule = spaced(*sampler.range, t[0])
+        low, high = family.cos_theta
+        mu = low + (high - low) * t[1]
+        values, errors = sampler(nodes, mu)
+        words = f"node k of N at t = (k + 1/2)/N; {sampler.parameter} = {rule}; cos_theta = {low:g} + t ({high:g} - {low:g})"
+        return AlbedoGrid(
+            family,
+            sampler.parameter,
+            nodes,
+            mu,
+            values,
+            errors,
+            sampler.albedo.engine_name,
+            sampler.form,
+            sampler.factor,
+            sampler.factored,
+            words,
+        )

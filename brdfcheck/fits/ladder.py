@@ -18,13 +18,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.brdf.exact_factors import exact_factor
 from brdfcheck.brdf.factors import AbstractFactor
 from brdfcheck.cores import on_one_core
-from brdfcheck.fits.factor import RawAlbedo, closed_form, fit_form
+from brdfcheck.fits.factor import fit_form
 from brdfcheck.fits.minimax import spread
+from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.operations import operations as counted
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict import Verdict, check_family
+from brdfcheck.verdict import Report, Verdict, check_family
 
 FORMS: tuple[tuple[str, tuple[int, ...]], ...] = (
     ("constant", (0, 0)),
@@ -71,30 +73,19 @@ def factor_ladder(family: Any, n: tuple[float, float] = (1, 1000), *, measure: b
     """
     with double_precision():
         raw = RawAlbedo(family, n)
-        rungs = []
-        for form, degrees in FORMS:
-            fit = fit_form(raw, degrees)  # pyright: ignore[reportArgumentType]
-            rungs.append(_rung(form, fit.factor, fit.smallest, fit.smallest_n, fit.peak, fit.verdict, n, measure))
-        exact = closed_form(raw)
+
+        def rung(form: str, factor: AbstractFactor, smallest: float, smallest_n: float, report: Report) -> Rung:
+            constants = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(eqx.filter(factor, eqx.is_array)))
+            nanoseconds = cost(factor, n) if measure else math.nan
+            counted = operations(factor)
+            return Rung(form, factor, constants, counted, nanoseconds, smallest, smallest_n, report.albedo, report.verdict)
+
+        fits = [(form, fit_form(raw, degrees)) for form, degrees in FORMS]  # pyright: ignore[reportArgumentType]
+        rungs = [rung(form, fit.factor, fit.smallest, fit.smallest_n, fit.report) for form, fit in fits]
+        exact = exact_factor(raw.lobe)
         if exact is not None:
-            report = check_family(raw.with_factor(exact))
-            rungs.append(_rung(CLOSED_FORM, exact, *raw.lowest(exact), report.albedo, report.verdict, n, measure))
+            rungs.append(rung(CLOSED_FORM, exact, *raw.lowest(exact), check_family(raw.with_factor(exact))))
         return tuple(rungs)
-
-
-def _rung(
-    form: str,
-    factor: AbstractFactor,
-    smallest: float,
-    smallest_n: float,
-    peak: float,
-    verdict: Verdict,
-    n: tuple[float, float],
-    measure: bool,
-) -> Rung:
-    constants = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(eqx.filter(factor, eqx.is_array)))
-    nanoseconds = cost(factor, n) if measure else math.nan
-    return Rung(form, factor, constants, operations(factor), nanoseconds, smallest, smallest_n, peak, verdict)
 
 
 def operations(factor: AbstractFactor) -> int:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -23,6 +24,8 @@ from scipy.optimize import linprog
 _EXCHANGES = 12
 # An extremum that is refined starts on a grid this fine and shrinks by _ZOOM a round.
 _ZOOM = 8
+# Extrema of each kind that are looked at.
+_MOST = 4
 # A form that loses less than this is not made richer: what a further coefficient would win is lost to rounding.
 _NOTHING = 1e-9
 # How near to the range the zero of a line may lie, in parts of its end: nearer, nothing is left of n + A but rounding.
@@ -39,14 +42,12 @@ class Ceiling:
 
 @dataclass(frozen=True)
 class Rational:
-    """Coefficients of P and Q from the lowest power on, and the smallest and largest f e on the range, with their places."""
+    """Coefficients of P and Q from the lowest power on, and the smallest and largest f e on the range."""
 
     numerator: np.ndarray
     denominator: np.ndarray
     smallest: float
-    smallest_n: float
     largest: float
-    largest_n: float
 
     def __call__(self, n: np.ndarray) -> np.ndarray:
         return np.polyval(self.numerator[::-1], n) / np.polyval(self.denominator[::-1], n)
@@ -60,9 +61,9 @@ def spread(low: float, high: float, count: int) -> np.ndarray:
 
 
 def extrema(
-    curve: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, values: np.ndarray, rounds: int, most: int = 4
+    curve: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, values: np.ndarray, rounds: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Local maxima and minima (at most so many of each) of a curve known on a rising grid, refined by zooming: (n, value).
+    """Local maxima and minima (at most four of each) of a curve known on a rising grid, refined by zooming: (n, value).
 
     Zooming needs no derivative, so a kink is found as well as a smooth extremum.
     """
@@ -70,7 +71,7 @@ def extrema(
     for sign in (1, -1):
         signed = np.concatenate([[-np.inf], sign * values, [-np.inf]])
         peaks = np.flatnonzero((signed[1:-1] >= signed[:-2]) & (signed[1:-1] >= signed[2:]))
-        peaks = peaks[np.argsort(-sign * values[peaks])][:most]
+        peaks = peaks[np.argsort(-sign * values[peaks])][:_MOST]
         low, high = grid[np.maximum(peaks - 1, 0)], grid[np.minimum(peaks + 1, len(grid) - 1)]
         best_n, best = grid[peaks], sign * values[peaks]
         for _ in range(rounds):
@@ -111,12 +112,12 @@ def best_rational(
     for _ in range(_EXCHANGES):
         found = _solve(basis, n, albedo, above, p, q, lowest)
         numerator, denominator = basis.powers(found[0], p + 1, lowest), basis.powers(found[1], q + 1)
-        trial = Rational(numerator, denominator, 0, 0, 0, 0)
+        trial = Rational(numerator, denominator, 0, 0)
         order = np.argsort(n)
         normalised = (trial(n) * albedo)[order]
         place, value = extrema(lambda at, trial=trial: trial(at) * raw(at), n[order], normalised, rounds)
         low, high = int(np.argmin(value)), int(np.argmax(value))
-        steps.append(Rational(numerator, denominator, value[low], place[low], value[high], place[high]))
+        steps.append(Rational(numerator, denominator, value[low], value[high]))
         new = ~np.isin(place, n)
         n, albedo = np.concatenate([n, place[new]]), np.concatenate([albedo, (value / trial(place))[new]])
         if value[high] <= normalised.max() + 1e-12 and value[low] >= normalised.min() * (1 - 1e-12):
@@ -187,7 +188,7 @@ def _solve(
         # Between the ends of the range a line is positive where its two coefficients are.
         limits = (0, 1) if top.shape[1] <= 2 else (None, None)
         apart = _apart(basis, column) if (lowest, p) == (0, 1) else np.zeros((0, rows.shape[1]))
-        solution = _program(
+        solution = linear_program(
             objective=np.r_[np.zeros(top.shape[1]), -1],
             rows=np.concatenate([rows, apart]),
             bounds=np.r_[np.zeros(len(n)), np.ones(len(roof)), np.zeros(len(apart))],
@@ -212,7 +213,7 @@ def _solve(
     scale = (t / reached / weight)[:, None]
     for _ in range(30):
         # With the denominators of the step before as weights it converges superlinearly.
-        solution = _program(
+        solution = linear_program(
             objective=np.r_[np.zeros(top.shape[1] + q + 1), -1],
             rows=np.block(
                 [
@@ -244,16 +245,7 @@ def _apart(basis: _Basis, column: np.ndarray) -> np.ndarray:
     return np.pad(rows / np.abs(rows).max(axis=1, keepdims=True), ((0, 0), (0, 1)))
 
 
-def _program(
-    objective: np.ndarray, rows: np.ndarray, bounds: np.ndarray, limits: list[tuple[float | None, float | None]]
-) -> np.ndarray | None:
-    """The solution of a linear program, or None where the solver gives up."""
-    result = linprog(
-        objective,
-        A_ub=rows,
-        b_ub=bounds,
-        bounds=limits,
-        method="highs-ds",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    return result.x
+def linear_program(objective: np.ndarray, rows: np.ndarray, bounds: np.ndarray, limits: list[Any]) -> np.ndarray | None:
+    """The x with the least objective . x where rows @ x <= bounds, each within its `limits`; None where the solver gives up."""
+    exact = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+    return linprog(objective, A_ub=rows, b_ub=bounds, bounds=limits, method="highs-ds", options=exact).x

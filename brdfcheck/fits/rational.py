@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linprog
+
+from brdfcheck.fits.minimax import linear_program
 
 _ROUNDS = 16
 _CONVERGED = 2e-3
@@ -152,11 +153,8 @@ def _program(
     cost = np.zeros(numerators + denominators + 1)
     cost[-1] = 1
     limits = [(None, None)] * numerators + [(-1, 1)] * denominators + [(None, 0)]
-    exact = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
-    solution = linprog(cost, A_ub=constraints, b_ub=bounds, bounds=limits, method="highs-ds", options=exact)
-    if solution.status != 0:
-        return None
-    return solution.x[:numerators], solution.x[numerators:-1]
+    solution = linear_program(cost, constraints, bounds, limits)
+    return None if solution is None else (solution[:numerators], solution[numerators:-1])
 
 
 def _chebyshev(u: np.ndarray, v: np.ndarray, exponents: list[tuple[int, int]]) -> np.ndarray:
@@ -182,11 +180,7 @@ def _monomials(coefficients: np.ndarray, exponents: list[tuple[int, int]]) -> np
 
 def _chebyshev_to_powers(size: int) -> np.ndarray:
     """Row i: the coefficients of T_i."""
-    table = np.zeros((size, size))
-    for i in range(size):
-        row = np.polynomial.chebyshev.cheb2poly(np.eye(size)[i])
-        table[i, : len(row)] = row
-    return table
+    return np.array([np.pad(np.polynomial.chebyshev.cheb2poly([0] * i + [1]), (0, size - 1 - i)) for i in range(size)])
 
 
 def _decimal(values: np.ndarray) -> np.ndarray:

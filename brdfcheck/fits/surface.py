@@ -13,7 +13,6 @@ another, four times finer grid and around its worst point. The stated error incl
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -29,9 +28,8 @@ from brdfcheck.fits.rational import Approximation, RationalSurface, best_surface
 from brdfcheck.runtime import double_precision
 
 DEGREES = ((4, 3), (5, 2))
-"""Total degrees of numerator and denominator that are tried where neither a degree nor a tolerance is given."""
+"""Total degrees of numerator and denominator that are tried where no degree is given."""
 
-_RISING_DEGREES = ((2, 1), (3, 2), (4, 2), (4, 3), (5, 2), (5, 3))
 # By `PointwiseAlbedo.effort`: exponents and cosines of the grid that is fitted, and of the finer one along each axis.
 _GRIDS = (((33, 29), 129), ((25, 25), 65), ((11, 11), 13), ((11, 11), 13))
 _PATCH = 17
@@ -139,78 +137,28 @@ class AlbedoFit:
         """Floating-point operations of one evaluation, variables included."""
         return self.variables.flops + self.surface.flops
 
-    def to_json_object(self) -> dict[str, Any]:
-        """All of it as plain numbers, ready for strict JSON."""
-        x, y = self.variables.describe(self.parameter)
-        v = self.variables
-        return {
-            "name": self.name,
-            "formula": self.formula,
-            "form": self.form,
-            "factor": "included" if self.factored else "none",
-            "parameter": self.parameter,
-            "parameter_range": list(self.parameter_range),
-            "cos_theta_range": list(self.cos_range),
-            "variables": {
-                "x": x,
-                "y": y,
-                "u": {"of": "x", "centre": v.u_centre, "scale": v.u_scale},
-                "v": {"of": "y", "centre": v.v_centre, "scale": v.v_scale},
-            },
-            "degree": list(self.degree),
-            "numerator": self.surface.numerator.tolist(),
-            "denominator": self.surface.denominator.tolist(),
-            "coefficients": self.coefficients,
-            "flops": self.flops,
-            "max_error": self.max_error,
-            "relative_error": self.relative_error,
-            "rms_error": self.rms_error,
-            "table_error": self.table_error,
-            "where": dict(self.where),
-            "denominator_bound": self.denominator_bound,
-            "fitted_grid": list(self.fitted),
-            "checked_grid": list(self.checked),
-        }
-
 
 def fit_albedo(
     target: Any,
     *,
     cos_theta: tuple[float, float] | None = None,
-    factor: Any = None,
     degree: tuple[int, int] | None = None,
-    tolerance: float | None = None,
     **ranges: tuple[float, float],
 ) -> AlbedoFit:
-    """The albedo of a family of one parameter as a rational function of the parameter and cos theta.
+    """The albedo of a family of one parameter as a rational function of the parameter and cos theta. Deterministic.
 
-    `target` and `ranges`: what `brdfcheck.check` takes, as in ``fit_albedo(Phong, n=(1, 1000))`` or ``fit_albedo("ggx")``;
-    `cos_theta`: the cosines of incidence, by default [0, 1]; `factor`: what a lobe about an axis is multiplied by, in place of
-    its own factor. `degree`: total degrees of numerator and denominator, (5, 0) is a polynomial; by default the better of
-    `DEGREES`, or with a `tolerance` the smallest of a rising list whose `max_error` meets it (the best where none does: look
-    at `max_error`). For RGB families the largest channel is fitted. Deterministic.
+    `target` and `ranges`: what `brdfcheck.check` takes, as in ``fit_albedo(Phong, n=(1, 1000))`` or ``fit_albedo("ggx")``; of
+    RGB families the largest channel is fitted. `cos_theta`: the cosines of incidence, by default [0, 1]. `degree`: total
+    degrees of numerator and denominator, (5, 0) is a polynomial; by default the better of `DEGREES`.
 
-    Raises ValueError for bad ranges, degrees or tolerances, an albedo that is not finite, a family that is anisotropic or
-    does not have exactly one parameter; KeyError for an unknown name, TypeError for something that is not a BRDF.
+    Raises ValueError for bad ranges or degrees, an albedo that is not finite, a family that is anisotropic or does not have
+    exactly one parameter; KeyError for an unknown name, TypeError for something that is not a BRDF.
     """
-    if tolerance is not None and not (isinstance(tolerance, (int, float)) and 0 < tolerance < math.inf):
-        raise ValueError(f"tolerance must be a number > 0; got {tolerance!r}")
     if degree is not None and not _is_degree(degree):
         raise ValueError(f"degree must be two integers (numerator, denominator) from 0 to 8; got {degree!r}")
     with double_precision():
-        problem = _Problem(one_parameter_family(target, cos_theta, factor, **ranges))
-        if degree is not None or tolerance is None:
-            return problem.fit(DEGREES if degree is None else ((degree[0], degree[1]),))
-        return _smallest(problem, tolerance)
-
-
-def _smallest(problem: _Problem, tolerance: float) -> AlbedoFit:
-    fits: list[AlbedoFit] = []
-    for small in _RISING_DEGREES:
-        fits.append(problem.fit((small,)))
-        if fits[-1].max_error <= tolerance:
-            break
-    return min(fits, key=lambda fit: fit.max_error)
+        problem = _Problem(one_parameter_family(target, cos_theta, ranges))
+        return problem.fit(DEGREES if degree is None else ((degree[0], degree[1]),))
 
 
 def _is_degree(degree: Any) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +39,6 @@ def is_curve_file(word: str) -> bool:
 
 def read(path: str, kind: str) -> tuple[list[Curve], list[Curve]]:
     """The curves of a file for a figure of `kind`, and the fits in it, whose curves have yet to be computed."""
-    if os.path.isdir(path):
-        return from_store(path, kind), []
     record = _record(path)
     if record.get("schema") != SCHEMA or not isinstance(record.get("results"), list):
         raise UsageError(f"{path}: not a record of brdfcheck (plot --json, fit --json, a study, or a folder written by sweep)")
@@ -146,7 +144,7 @@ def from_grid(
     Ends of intervals are interpolated between the samples.
     """
     known = np.where(np.isnan(values), -np.inf, values)
-    row, column = np.unravel_index(int(np.argmax(known)), known.shape)
+    row, column = (int(i) for i in np.unravel_index(int(np.argmax(known)), known.shape))
     base: Curve = {
         "name": name,
         "label": label,
@@ -167,15 +165,13 @@ def from_grid(
         top = np.max(known, axis=1)
         top = np.where(np.isinf(top) & (top < 0), np.nan, top)
         above = _crossings(x, top)
-        curve = {"x": _numbers(x), "albedo": _numbers(top), "worst_cos_theta": _numbers(mu[np.argmax(known, axis=1)])}
-        return [{**base, "kind": kind, **curve, "above": above, **largest(int(row), int(column))}]
+        curve = {"x": rounded(x), "albedo": rounded(top), "worst_cos_theta": rounded(mu[np.argmax(known, axis=1)])}
+        return [{**base, "kind": kind, **curve, "above": above, **largest(row, column)}]
     if kind == "heatmap":
-        if len(x) < 2 or len(mu) < 2:
-            return []
-        rows = [_numbers(line) for line in values]
+        curve = {"x": rounded(x), "cosines": rounded(mu), "albedo": [rounded(line) for line in values]}
         above = _crossings(x, np.max(known, axis=1))
-        curve = {"x": _numbers(x), "cosines": _numbers(mu), "albedo": rows}
-        return [{**base, "kind": kind, **curve, "above": above, **largest(int(row), int(column))}]
+        few = len(x) < 2 or len(mu) < 2
+        return [] if few else [{**base, "kind": kind, **curve, "above": above, **largest(row, column)}]
     if kind != "albedo-vs-angle":
         return []
     if wanted is None:
@@ -189,8 +185,8 @@ def from_grid(
             "parameter": None,
             "range": None,
             "at": {parameter: float(x[i])},
-            "x": _numbers(mu),
-            "albedo": _numbers(values[i]),
+            "x": rounded(mu),
+            "albedo": rounded(values[i]),
             "above": _crossings(mu, values[i]),
             **largest(i, int(np.argmax(known[i]))),
         }
@@ -198,24 +194,31 @@ def from_grid(
     ]
 
 
-def _numbers(values: Any) -> list[Any]:
-    return [number(float(f"{value:.12g}")) for value in np.asarray(values, float)]
+def rounded(values: Any, digits: int = 12) -> list[Any]:
+    """The values as numbers of a record: more digits than any figure shows, and half the file."""
+    return [number(float(f"{value:.{digits}g}")) for value in np.asarray(values, float).ravel()]
+
+
+def stretches(x: np.ndarray, inside: np.ndarray, edge: Callable[[int], float]) -> list[tuple[float, float]]:
+    """Where `inside` holds, as intervals of x; ``edge(i)`` is where it changes between the samples i and i + 1."""
+    ends = [float(x[0])] if inside[0] else []
+    ends += [float(edge(int(i))) for i in np.flatnonzero(inside[1:] != inside[:-1])]
+    ends += [float(x[-1])] if inside[-1] else []
+    return list(zip(ends[::2], ends[1::2], strict=True))
 
 
 def _crossings(x: np.ndarray, values: np.ndarray) -> list[list[float]]:
     """Intervals of x in which the values exceed 1, linear between the samples (geometric where x spans decades)."""
     long = x[0] > 0 and x[-1] / x[0] >= 15
     place = np.log(x) if long else x
-    above = values > _ABOVE
-    edges = [float(x[0])] if above[0] else []
-    for i in np.flatnonzero(above[1:] != above[:-1]):
+
+    def edge(i: int) -> float:
         first, second = values[i] - 1, values[i + 1] - 1
         part = first / (first - second) if np.isfinite(first) and np.isfinite(second) else 0.5
         crossing = place[i] + part * (place[i + 1] - place[i])
-        edges.append(float(np.exp(crossing)) if long else float(crossing))
-    if above[-1]:
-        edges.append(float(x[-1]))
-    return [[low, high] for low, high in zip(edges[::2], edges[1::2], strict=True)]
+        return np.exp(crossing) if long else crossing
+
+    return [list(ends) for ends in stretches(x, values > _ABOVE, edge)]
 
 
 # --- stores ---

@@ -18,15 +18,14 @@ from brdfcheck.brdf import catalog, factors
 from brdfcheck.brdf.factors import Normalized, peel
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
-from brdfcheck.fits.factor import RawAlbedo
+from brdfcheck.fits.raw import RawAlbedo
+from brdfcheck.output.curve_files import rounded, stretches
 from brdfcheck.output.records import number
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import TOLERANCE, judge
 from brdfcheck.verdict.supremum import Supremum, supremum
 
 Curve = dict[str, Any]
-
-_DIGITS = 12  # more than any figure shows, and half the file
 
 
 @dataclass(frozen=True)
@@ -72,15 +71,8 @@ def albedo_vs_n(
     x = _between(low, high, effort.exponents if samples is None else samples, marks)
     value, error, at = _largest(albedo, effort, _places(family, parameter, x))
     above = _above(albedo, effort, parameter, worst, x, value, error)
-    return {
-        **_head("albedo-vs-n", family, albedo, parameter),
-        "x": _rounded(x),
-        "albedo": _rounded(value),
-        "worst_cos_theta": _rounded(at),
-        "error": number(float(f"{np.max(error):.3g}")),
-        "above": [[number(start), number(end)] for start, end in above],
-        **_worst(worst),
-    }
+    columns = {"x": rounded(x), "albedo": rounded(value), "worst_cos_theta": rounded(at)}
+    return _curve("albedo-vs-n", albedo, parameter, columns, worst, error, above)
 
 
 def factor(target: Any, **options: Any) -> Curve:
@@ -97,7 +89,7 @@ def _with_scale(curve: Curve, scale: Callable[[float], float]) -> Curve:
     scales = np.array([scale(float(value)) for value in curve["x"]])
     with np.errstate(divide="ignore", invalid="ignore"):
         exact = scales / np.array(curve["albedo"], float)
-    return {**curve, "kind": "factor", "factor": _rounded(scales), "exact": _rounded(exact)}
+    return {**curve, "kind": "factor", "factor": rounded(scales), "exact": rounded(exact)}
 
 
 def albedo_vs_angle(
@@ -129,15 +121,9 @@ def albedo_vs_angle(
         order = np.argsort(np.append(mu, ends), kind="stable")
         mu, value = np.append(mu, ends)[order], np.append(value, more)[order]
         error = np.append(error, more_error)[order]
-    return {
-        **_head("albedo-vs-angle", family, albedo, None),
-        "at": {name: number(low) for name, (low, _) in family.ranges.items()},
-        "x": _rounded(mu),
-        "albedo": _rounded(value),
-        "error": number(float(f"{np.max(error):.3g}")),
-        "above": [[number(start), number(end)] for start, end in above],
-        **_worst(worst),
-    }
+    member = {name: number(low) for name, (low, _) in family.ranges.items()}
+    columns = {"at": member, "x": rounded(mu), "albedo": rounded(value)}
+    return _curve("albedo-vs-angle", albedo, None, columns, worst, error, above)
 
 
 def heatmap(
@@ -165,15 +151,8 @@ def heatmap(
     best = np.argmax(np.where(np.isnan(value), -np.inf, value), axis=1)[:, None]
     top = (np.take_along_axis(table, best, 1)[:, 0] for table in (value, error))
     above = _above(albedo, effort, parameter, worst, x, *top)
-    return {
-        **_head("heatmap", family, albedo, parameter),
-        "x": _rounded(x),
-        "cosines": _rounded(mu),
-        "albedo": [_rounded(row, 10) for row in value],
-        "error": number(float(f"{np.max(error):.3g}")),
-        "above": [[number(start), number(end)] for start, end in above],
-        **_worst(worst),
-    }
+    columns = {"x": rounded(x), "cosines": rounded(mu), "albedo": [rounded(row, 10) for row in value]}
+    return _curve("heatmap", albedo, parameter, columns, worst, error, above)
 
 
 KINDS: dict[str, Callable[..., Curve]] = {
@@ -263,23 +242,30 @@ def _scale_of(family: Family) -> Callable[[float], float]:
     return lambda value: float(np.asarray(peel(build(value))[1](1.0)))
 
 
-def _head(kind: str, family: Family, albedo: PointwiseAlbedo, parameter: str | None) -> Curve:
-    formula = catalog.entry(family.name).formula if family.name in catalog.names() else None
+def _curve(
+    kind: str,
+    albedo: PointwiseAlbedo,
+    parameter: str | None,
+    columns: Mapping[str, Any],
+    worst: Supremum,
+    error: np.ndarray,
+    above: Sequence[tuple[float, float]],
+) -> Curve:
+    """A curve of its `columns`, with what it is of, and where it is largest and above 1."""
+    family = albedo.family
     held = {name: number(low) for name, (low, high) in family.ranges.items() if name != parameter and low == high}
     return {
         "kind": kind,
         "name": family.name,
-        "formula": formula,
+        "formula": catalog.entry(family.name).formula if family.name in catalog.names() else None,
         "engine": albedo.engine_name,
         "parameter": parameter,
         "range": None if parameter is None else [number(bound) for bound in family.ranges[parameter]],
         "held": {} if parameter is None else held,
         "cos_theta": [number(bound) for bound in family.cos_theta],
-    }
-
-
-def _worst(worst: Supremum) -> Curve:
-    return {
+        **columns,
+        "error": number(float(f"{np.max(error):.3g}")),
+        "above": [[number(start), number(end)] for start, end in above],
         "verdict": judge(worst.value, worst.error).name,
         "largest": {
             "albedo": number(worst.value),
@@ -288,10 +274,6 @@ def _worst(worst: Supremum) -> Curve:
             "cos_theta": number(worst.cos_theta),
         },
     }
-
-
-def _rounded(values: np.ndarray, digits: int = _DIGITS) -> list[Any]:
-    return [number(float(f"{value:.{digits}g}")) for value in np.asarray(values, float).ravel()]
 
 
 def _between(low: float, high: float, count: int, marks: Sequence[float]) -> np.ndarray:
@@ -426,14 +408,10 @@ def _intervals(
 
     from scipy.optimize import brentq
 
-    outside = value - error > 1 + TOLERANCE
-    edges = [float(x[0])] if outside[0] else []
-    for i in np.flatnonzero(outside[1:] != outside[:-1]):
+    def edge(i: int) -> float:
         ends = value[i : i + 2] - 1 - TOLERANCE
         crosses = np.all(np.isfinite(ends)) and ends[0] * ends[1] < 0
         root: Any = brentq  # its stub knows numpy scalars only
-        edge = root(excess, x[i], x[i + 1], xtol=xtol, rtol=1e-12, maxiter=60, disp=False) if crosses else x[i + 1]
-        edges.append(float(edge))
-    if outside[-1]:
-        edges.append(float(x[-1]))
-    return tuple(zip(edges[::2], edges[1::2], strict=True))
+        return root(excess, x[i], x[i + 1], xtol=xtol, rtol=1e-12, maxiter=60, disp=False) if crosses else x[i + 1]
+
+    return tuple(stretches(x, value - error > 1 + TOLERANCE, edge))

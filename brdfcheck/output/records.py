@@ -12,7 +12,9 @@ import math
 import os
 import platform
 import re
+import shutil
 import stat
+import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -25,6 +27,7 @@ from brdfcheck import __version__
 from brdfcheck.interruption import Cleanup
 
 if TYPE_CHECKING:
+    from brdfcheck.fits.factor import FactorFit
     from brdfcheck.verdict import Report
 
 SCHEMA = "brdfcheck-results"
@@ -79,10 +82,26 @@ def to_json_object(report: Report) -> dict[str, Any]:
     return record
 
 
+def factor_object(factor: Any) -> dict[str, Any]:
+    """The form and the constants of a factor, ready for strict JSON."""
+    return {"form": type(factor).__name__, **plain(factor)}
+
+
+def fit_object(fit: FactorFit) -> dict[str, Any]:
+    """All fields of a fit but its family, with its report; ready for strict JSON."""
+    own: dict[str, Any] = {
+        "factor": factor_object(fit.factor),
+        "fitted": factor_object(fit.fitted),
+        "report": to_json_object(fit.report),
+    }
+    own["history"] = [plain({**vars(step), "factor": factor_object(step.factor)}) for step in fit.history]
+    return {name: own[name] if name in own else plain(value) for name, value in vars(fit).items() if name != "family"}
+
+
 def versions(*packages: str) -> dict[str, str]:
     """The versions that a result may depend on; `packages`: of other packages that took part in it."""
     found = {"brdfcheck": __version__, "python": platform.python_version()}
-    for package in dict.fromkeys(("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix", "lineax", *packages)):
+    for package in dict.fromkeys(("jax", "jaxlib", "numpy", "scipy", "equinox", "lineax", *packages)):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
@@ -218,6 +237,21 @@ def _github_property(text: str) -> str:
 
 
 # --- files ---
+
+
+def exr_bytes(channels: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
+    """An EXR of float32 channels by name, each of shape (height, width); `metadata` becomes strings in the header."""
+    import numpy as np
+    import OpenEXR
+
+    header: dict[str, Any] = {f"brdfcheck.{key}": text for key, text in metadata.items()}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    pixels = {name: np.ascontiguousarray(channel, dtype=np.float32) for name, channel in channels.items()}
+    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
+        path = Path(folder, "image.exr")
+        with OpenEXR.File(header, pixels) as file:
+            file.write(str(path))
+        return path.read_bytes()
 
 
 def refuse_output(path: str) -> str | None:

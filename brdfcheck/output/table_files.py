@@ -8,8 +8,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.fits.grids import AlbedoGrid, formula_of
-from brdfcheck.interruption import Cleanup
 from brdfcheck.output import records
 from brdfcheck.output.source import factor_text
 
@@ -90,7 +87,7 @@ def write_table(
         records.write_atomically(f"{os.fspath(path)}.json", records.to_json(metadata))
         records.write_atomically(path, stream.getvalue())
     else:
-        records.write_atomically(path, _exr(table, metadata))
+        records.write_atomically(path, records.exr_bytes({"Y": table.values}, _texts(metadata)))
 
 
 def _texts(metadata: Mapping[str, Any]) -> dict[str, str]:
@@ -107,15 +104,3 @@ def _csv(table: AlbedoGrid, metadata: Mapping[str, Any]) -> str:
     for node, row in zip(table.nodes, table.values, strict=True):
         lines.append(",".join(f"{value:.17g}" for value in (node, *row)))
     return "\n".join(lines) + "\n"
-
-
-def _exr(table: AlbedoGrid, metadata: Mapping[str, Any]) -> bytes:
-    import OpenEXR
-
-    header: dict[str, Any] = {f"brdfcheck.{key}": text for key, text in _texts(metadata).items()}
-    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
-        file = Path(folder, "table.exr")
-        with OpenEXR.File(header, {"Y": np.ascontiguousarray(table.values, dtype=np.float32)}) as image:
-            image.write(str(file))
-        return file.read_bytes()

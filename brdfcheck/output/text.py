@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from brdfcheck.messages import one_line
 from brdfcheck.verdict.words import albedo_text as albedo_text
@@ -116,8 +116,6 @@ def columns(rows: Sequence[Sequence[str]], right: Container[int] = ()) -> list[s
 
 def fit_lines(fit: FactorFit) -> list[str]:
     """A fit: the factor, constants to copy, the largest and the smallest albedo, the verdict, and what there is to remark."""
-    from brdfcheck.fits.factor import describe
-
     report = fit.report
     sampled = "" if fit.objective == "minimax" else f", {fit.sampling} sampling"
     lines = [
@@ -167,10 +165,37 @@ def _rounded(value: float, digits: int, *, up: bool) -> str:
     return text if len(text) < 20 else f"{whole / 10.0**places:.{max(digits, 1)}e}"
 
 
+def describe(factor: Any, digits: int = 6) -> str:
+    """The factor as a formula in n."""
+    from brdfcheck.brdf.factors import Constant, Factor, Proportional, RationalFactor
+
+    if isinstance(factor, Factor):
+        a, b = float(factor.A), float(factor.B)
+        if b < 0:
+            return f"({-a:.{digits}g} - n)/{-b:.{digits}g}"
+        return f"(n {'+' if a >= 0 else '-'} {abs(a):.{digits}g})/{b:.{digits}g}"
+    if isinstance(factor, Constant):
+        return f"{float(factor.value):.{digits}g}"
+    if isinstance(factor, Proportional):
+        return f"n/{float(factor.B):.{digits}g}"
+    if isinstance(factor, RationalFactor):
+        parts = [_polynomial(part.tolist(), digits) for part in (factor.numerator, factor.denominator)]
+        return f"({parts[0]})/({parts[1]})"
+    return type(factor).__name__
+
+
+def _polynomial(coefficients: Sequence[float], digits: int) -> str:
+    terms = []
+    for power in range(len(coefficients) - 1, -1, -1):
+        value = coefficients[power]
+        letter = "" if power == 0 else "n" if power == 1 else f"n^{power}"
+        sign = ("-" if value < 0 else "") if not terms else (" - " if value < 0 else " + ")
+        terms.append(f"{sign}{abs(value):.{digits}g}{' ' if letter else ''}{letter}")
+    return "".join(terms)
+
+
 def ladder_lines(rungs: Sequence[Rung]) -> list[str]:
     """The rungs of a ladder of factors below each other; no line where there are none."""
-    from brdfcheck.fits.factor import describe
-
     if not rungs:
         return []
     rows = [("form", "constants", "operations", "ns", "largest loss", "at n", "verdict", "factor")]

@@ -8,6 +8,7 @@ what the camera's opening says.
 from __future__ import annotations
 
 import abc
+import functools
 from typing import Any, NamedTuple, final
 
 import equinox as eqx
@@ -46,16 +47,8 @@ def pixel_centres(size: Size, dtype: Any) -> Float[Array, "2 height width"]:
     return jnp.stack(jnp.broadcast_arrays(x[None, :], y[:, None]))
 
 
-def _placed(eye: Any, target: Any, up: Any) -> tuple[Array, Array, Array]:
-    """The three as arrays; ValueError where they make no frame."""
-    eye, target = vector_of(eye, "eye", zero=True), vector_of(target, "target", zero=True)
-    up = vector_of(up, "up")
-    if not any(isinstance(part, Tracer) for part in (eye, target, up)):
-        back, upright = np.asarray(eye, float) - np.asarray(target, float), np.asarray(up, float)
-        if not np.linalg.norm(np.cross(upright, back)) > 1e-6 * np.linalg.norm(upright) * np.linalg.norm(back):
-            given = ", ".join(str(np.asarray(part).tolist()) for part in (eye, target, up))
-            raise ValueError(f"eye, target and up must not lie on one line; got {given}")
-    return eye, target, up
+_EYE, _TARGET = (functools.partial(vector_of, name=name, zero=True) for name in ("eye", "target"))
+_UP = functools.partial(vector_of, name="up")
 
 
 class AbstractCamera(eqx.Module):
@@ -64,6 +57,15 @@ class AbstractCamera(eqx.Module):
     eye: eqx.AbstractVar[Float[Array, "3"]]
     target: eqx.AbstractVar[Float[Array, "3"]]
     up: eqx.AbstractVar[Float[Array, "3"]]
+
+    def __check_init__(self) -> None:
+        parts = (self.eye, self.target, self.up)
+        if not any(isinstance(part, Tracer) for part in parts):
+            eye, target, upright = (np.asarray(part, float) for part in parts)
+            back = eye - target
+            if not np.linalg.norm(np.cross(upright, back)) > 1e-6 * np.linalg.norm(upright) * np.linalg.norm(back):
+                given = ", ".join(str(np.asarray(part).tolist()) for part in parts)
+                raise ValueError(f"eye, target and up must not lie on one line; got {given}")
 
     @abc.abstractmethod
     def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
@@ -106,20 +108,10 @@ def _screen(right: Array, up: Array, half_height: Array, size: Size) -> Array:
 class Orthographic(AbstractCamera):
     """Parallel rays; the image is 2 `half_height` high in space. ValueError unless the numbers are finite and make a frame."""
 
-    eye: Float[Array, "3"]
-    target: Float[Array, "3"]
-    up: Float[Array, "3"]
-    half_height: Float[Array, ""]
-
-    def __init__(
-        self,
-        eye: object = (0.0, 0.0, 5.0),
-        target: object = (0.0, 0.0, 0.0),
-        up: object = (0.0, 1.0, 0.0),
-        half_height: object = 1.05,
-    ):
-        self.eye, self.target, self.up = _placed(eye, target, up)
-        self.half_height = scalar(half_height, "half_height", above=True)
+    eye: Float[Array, "3"] = eqx.field(converter=_EYE, default=(0.0, 0.0, 5.0))
+    target: Float[Array, "3"] = eqx.field(converter=_TARGET, default=(0.0, 0.0, 0.0))
+    up: Float[Array, "3"] = eqx.field(converter=_UP, default=(0.0, 1.0, 0.0))
+    half_height: Float[Array, ""] = eqx.field(converter=functools.partial(scalar, name="half_height", above=True), default=1.05)
 
     def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
         (right, up, depth), distance = self.in_frame(points)
@@ -143,21 +135,13 @@ class Orthographic(AbstractCamera):
 class Perspective(AbstractCamera):
     """Rays from the eye; `field_of_view` is the full vertical angle in degrees. ValueError as for `Orthographic`."""
 
-    eye: Float[Array, "3"]
-    target: Float[Array, "3"]
-    up: Float[Array, "3"]
-    field_of_view: Float[Array, ""]
-
-    def __init__(
-        self,
-        eye: object = (0.0, 0.0, 5.0),
-        target: object = (0.0, 0.0, 0.0),
-        up: object = (0.0, 1.0, 0.0),
-        field_of_view: object = 25.0,
-    ):
-        self.eye, self.target, self.up = _placed(eye, target, up)
-        # Half of it is below 90 degrees in single precision too.
-        self.field_of_view = scalar(field_of_view, "field_of_view", 0, 179.99, above=True)
+    eye: Float[Array, "3"] = eqx.field(converter=_EYE, default=(0.0, 0.0, 5.0))
+    target: Float[Array, "3"] = eqx.field(converter=_TARGET, default=(0.0, 0.0, 0.0))
+    up: Float[Array, "3"] = eqx.field(converter=_UP, default=(0.0, 1.0, 0.0))
+    # Half of it is below 90 degrees in single precision too.
+    field_of_view: Float[Array, ""] = eqx.field(
+        converter=functools.partial(scalar, name="field_of_view", high=179.99, above=True), default=25.0
+    )
 
     def _half_height(self, dtype: Any) -> Array:
         return jnp.tan(self.field_of_view.astype(dtype) * (np.pi / 360))

@@ -2,7 +2,7 @@
 
 The keys are the parameters of the classes in `brdfcheck.scene`; what numbers may be, these say. A colour may be a spectrum:
 { wavelengths = [400, 700], reflectance = [0.2, 0.8] } in nm. Of a saturated one, what RGB lights and screens cannot show is
-cut off: components below 0 or above the largest reflectance. `brdfcheck.scene.colour.rgb_of_spectrum` gives the numbers as
+cut off: components below 0 or above the largest reflectance. `brdfcheck.scene.images.rgb_of_spectrum` gives the numbers as
 they are. A mesh of a file, ``file = "bunny.ply"``, and a BRDF of one's own, ``brdf = "mine.py:glossy"``, are looked for in the
 scene's folder. What is wrong is a `UsageError` in one line that names the key and what is allowed.
 """
@@ -21,11 +21,11 @@ import pydantic
 from jaxtyping import Float
 
 from brdfcheck.brdf.readers.python import is_file_spec
-from brdfcheck.documents import Model, read_document, validated
+from brdfcheck.documents import Model, validated
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.scene import lights, materials, meshes
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Perspective, Size, checked_size
-from brdfcheck.scene.colour import rgb_of_spectrum
+from brdfcheck.scene.images import rgb_of_spectrum
 from brdfcheck.scene.raster import INTERPOLATIONS
 from brdfcheck.scene.smooth import SHADINGS, render_mesh
 from brdfcheck.scene.sphere import sphere_image
@@ -153,12 +153,6 @@ SceneTable: Any = pydantic.create_model(
     lights=(list[_LIGHT], ...),  # pyright: ignore[reportInvalidTypeForm]
 )
 """What a document says of a scene: the keys of the TOML file but `allow_unvalidated`. `scene_of` makes a scene of it."""
-
-
-def read_scene(path: str | Path) -> Scene:
-    """The scene in a TOML file. UsageError where there is none, or where something in it is wrong."""
-    document, label = read_document(path)
-    return parse_scene(document, label, folder=Path(path).parent)
 
 
 def parse_scene(

@@ -5,21 +5,19 @@ Images are linear RGB of shape (3, height, width), the top row first. The same i
 
 from __future__ import annotations
 
+import importlib
 import io
 import math
 import os
-import shutil
-import tempfile
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck.interruption import Cleanup
 from brdfcheck.output import records
-from brdfcheck.scene.colour import encode_srgb
 
 KINDS = ("png", "exr")
 _MARGIN, _TEXT = 8, 15  # pixels
@@ -58,16 +56,8 @@ _SRGB = bytes.fromhex("00000001 73524742 00 aece1ce9")
 
 def exr_bytes(image: Any, metadata: Mapping[str, Any] | None = None) -> bytes:
     """An EXR of the linear numbers as float32 channels R, G, B; `metadata` becomes strings in the header."""
-    import OpenEXR
-
-    channels = np.ascontiguousarray(_checked(image), dtype=np.float32)
-    header: dict[str, Any] = {f"brdfcheck.{key}": str(value) for key, value in (metadata or {}).items()}
-    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.TemporaryDirectory(prefix="brdfcheck-") as folder, Cleanup(lambda: shutil.rmtree(folder)):
-        path = Path(folder, "image.exr")
-        with OpenEXR.File(header, dict(zip("RGB", channels, strict=True))) as file:
-            file.write(str(path))
-        return path.read_bytes()
+    channels = dict(zip("RGB", _checked(image), strict=True))
+    return records.exr_bytes(channels, {key: str(value) for key, value in (metadata or {}).items()})
 
 
 def write_image(path: str | os.PathLike[str], image: Any, *, bits: int = 8, metadata: Mapping[str, Any] | None = None) -> None:
@@ -91,9 +81,8 @@ def contact_sheet(
     labels: Sequence[str] = (),
     across: str = "",
     down: str = "",
-    ground: float = 1.0,
 ) -> Float[np.ndarray, "3 height width"]:
-    """Images of one size in rows and columns, pixel for pixel, as one linear image on a ground of that grey.
+    """Images of one size in rows and columns, pixel for pixel, as one linear image on white.
 
     `columns` and `labels` are written over the columns and before the rows; `across` and `down` name the two axes. Columns
     are as far apart as the longest of their titles is wide.
@@ -131,10 +120,68 @@ def contact_sheet(
     for row, text in enumerate(labels):
         place = (left, lines + _MARGIN + row * (high + _MARGIN) + high / 2)
         draw.text(place, text, 255, font=font, anchor="rm", align="right")
-    ink = 0.0 if ground > 0.2 else 1.0
-    sheet = np.repeat((ground + (ink - ground) * np.asarray(mask, np.float32) / 255)[None], 3, axis=0)
+    sheet = np.repeat((1 - np.asarray(mask, np.float32) / 255)[None], 3, axis=0)
     for i, row in enumerate(images):
         for j, image in enumerate(row):
             top, start = lines + _MARGIN + i * (high + _MARGIN), first + j * (cell + _MARGIN) + (cell - wide) // 2
             sheet[:, top : top + high, start : start + wide] = image
     return sheet
+
+
+# --- colours from spectra ---
+
+
+Observer = Literal["CIE RGB", "CIE XYZ"]
+_OBSERVERS = {"CIE RGB": "Wright & Guild 1931 2 Degree RGB CMFs", "CIE XYZ": "CIE 1931 2 Degree Standard Observer"}
+
+
+def encode_srgb(linear: Any) -> Float[np.ndarray, "..."]:
+    """Linear light to the sRGB transfer curve (IEC 61966-2-1), both in [0, 1]; values outside are cut off, NaN is 0."""
+    value = np.clip(np.nan_to_num(np.asarray(linear, np.float64), nan=0.0), 0, 1)
+    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+
+
+def rgb_of_spectrum(
+    wavelengths: Any, reflectance: Any, *, illuminant: str = "D65", observer: Observer = "CIE XYZ"
+) -> Float[np.ndarray, " 3"]:
+    r"""The colour of a reflectance spectrum under an illuminant, linear, where a perfect white is (1, 1, 1).
+
+    $R = \int \bar r C I\, d\lambda$ and G, B likewise (Yokoi et al., eq. 2), with C the `reflectance` at the rising
+    `wavelengths` (nm; between them a straight line, beyond them the end values) and I the illuminant, over 1 nm steps.
+
+    * observer "CIE RGB": the integrals themselves over those of white: the primaries of the colour-matching functions;
+    * observer "CIE XYZ": X, Y, Z likewise, then linear sRGB, adapted from the illuminant's white to D65 (Bradford).
+
+    Saturated colours may have components below 0 or above 1. Needs colour-science (``pip install 'brdfcheck[colour]'``):
+    ImportError without it. ValueError for spectra that are not finite, negative or of unequal length, or unknown names.
+    """
+    wavelengths, reflectance = np.asarray(wavelengths, float), np.asarray(reflectance, float)
+    good = wavelengths.ndim == 1 and wavelengths.size > 1 and wavelengths.shape == reflectance.shape
+    if not (good and np.all(np.isfinite(wavelengths)) and np.all(np.diff(wavelengths) > 0)):
+        raise ValueError("a spectrum is at least two rising wavelengths in nm and as many reflectances")
+    if not np.all(np.isfinite(reflectance) & (reflectance >= 0)):
+        raise ValueError(f"reflectances must be finite and >= 0; the smallest is {np.min(reflectance):g}")
+    if observer not in _OBSERVERS:
+        raise ValueError(f"observer must be one of {', '.join(_OBSERVERS)}; got {observer!r}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what colour-science itself could use and does not find
+        try:
+            colour = importlib.import_module("colour")
+        except ImportError as error:
+            raise ImportError("colours from spectra need colour-science: pip install 'brdfcheck[colour]'") from error
+        if illuminant not in colour.SDS_ILLUMINANTS:
+            raise ValueError(f"illuminant must be one of {', '.join(colour.SDS_ILLUMINANTS)}; got {illuminant!r}")
+        matching = colour.MSDS_CMFS[_OBSERVERS[observer]]
+        light = colour.SDS_ILLUMINANTS[illuminant]
+        nodes = np.arange(matching.wavelengths[0], matching.wavelengths[-1] + 0.5)
+        bars = np.stack([np.interp(nodes, matching.wavelengths, column) for column in matching.values.T])
+        power = np.interp(nodes, light.wavelengths, light.values, left=0, right=0)
+        seen = bars @ (np.interp(nodes, wavelengths, reflectance) * power)
+        white = bars @ power
+        if observer == "CIE RGB":
+            return seen / white
+        to_xyz = colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ
+        adapted = colour.chromatic_adaptation(
+            seen / white[1], white / white[1], to_xyz @ np.ones(3), method="Von Kries", transform="Bradford"
+        )
+        return np.asarray(np.linalg.solve(to_xyz, adapted))

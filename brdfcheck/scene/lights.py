@@ -17,7 +17,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.scene.vectors import TINY, Vector, checked, choose, color_of, cross, dot, polar, power, scalar, unit, vector_of
+from brdfcheck.scene import polygon
+from brdfcheck.scene.vectors import TINY, Vector, checked, color_of, cross, dot, polar, power, scalar, unit, vector_of
 
 
 class AbstractLight(eqx.Module):
@@ -208,7 +209,7 @@ class Polygon(AbstractLight):
         if len(self.vertices) < 3:
             raise ValueError(f"a polygon needs at least 3 vertices; got {len(self.vertices)}")
         if not isinstance(self.vertices, Tracer):
-            fault = _fault(np.asarray(self.vertices, float))
+            fault = polygon.fault(np.asarray(self.vertices, float))
             if fault:
                 raise ValueError(f"the polygon's {fault}")
         self.intensity = color_of(intensity, "intensity")
@@ -217,97 +218,14 @@ class Polygon(AbstractLight):
     def irradiance(self, point: Vector, normal: Vector) -> Float[Array, "..."]:
         """The irradiance at the points over `intensity`: pi times the form factor, >= 0."""
         corners = [Vector(*vertex) - point for vertex in self.vertices]
-        heights = [dot(corner, normal) for corner in corners]
-        total = jnp.zeros_like(heights[0])
         if not self.horizon_clipping:
-            for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
-                total = total + _edge(a, b, normal)
             # Which side the point is on follows from the polygon's plane: the sum's own sign says so only of what is above.
             first, *others = (Vector(*vertex) for vertex in self.vertices)
             area = Vector(0.0, 0.0, 0.0)
             for a, b in itertools.pairwise(others):
                 area = area + cross(a - first, b - first)
-            counterclockwise = dot(area, corners[0]) < 0
+            counterclockwise, total = dot(area, corners[0]) < 0, polygon.whole(corners, normal)
             above = jnp.where(counterclockwise, -total, total if self.two_sided else 0)
             return jnp.maximum(above, 0) / 2
-        pieces = [_above(a, b, corners, heights) for a, b in _edges(len(corners))]
-        # Where the polygon goes below the horizon it is closed along it. The last way out before the first corner is
-        # that of the last edge that has one: one round to find it, one to add up.
-        out = Vector(*(jnp.zeros_like(total) for _ in range(3)))
-        for piece in pieces:
-            out = choose(piece.leaves, piece.end, out)
-        for piece in pieces:
-            total = total + jnp.where(piece.seen, _edge(piece.start, piece.end, normal, piece.seen), 0)
-            total = total + jnp.where(piece.enters, _edge(out, piece.start, normal, piece.enters), 0)
-            out = choose(piece.leaves, piece.end, out)
-        # Positive where the corners run clockwise as seen from the point.
+        total = polygon.above_horizon(corners, normal)
         return (jnp.abs(total) if self.two_sided else jnp.maximum(-total, 0)) / 2
-
-
-def _fault(corners: np.ndarray) -> str:
-    """What is wrong with a polygon, shape (k, 3), in words; nothing if it is one."""
-    corners = corners - corners.mean(0)
-    size = np.abs(corners).max()
-    corners = corners / (size or 1)
-    area = np.sum(np.cross(corners, np.roll(corners, -1, 0)), 0) / 2
-    length = np.linalg.norm(area)
-    if not length > 1e-9:
-        return "vertices span no area"
-    normal = area / length
-    if np.abs(corners @ normal).max() > 1e-4:
-        return "vertices do not lie in a plane"
-    # Between the abscissas of corners and crossings, edges lie over one another in one order: from below, each that goes
-    # right adds one turn around the points above it and each that goes left takes one away. Inside there is one turn.
-    right = np.cross(normal, corners[np.argmax(np.linalg.norm(corners, axis=1))])
-    right /= np.linalg.norm(right)
-    x, y = corners @ right, corners @ np.cross(normal, right)
-    run, rise = np.roll(x, -1) - x, np.roll(y, -1) - y
-    turn = run[:, None] * rise - rise[:, None] * run
-    with np.errstate(divide="ignore", invalid="ignore"):  # parallel edges cross nowhere
-        along = ((x - x[:, None]) * rise - (y - y[:, None]) * run) / turn
-    met = (along > 0) & (along < 1)
-    stops = np.unique(np.concatenate([x, (x[:, None] + along * run[:, None])[met & met.T]]))
-    for low, high in itertools.pairwise(stops):
-        middle = (low + high) / 2
-        spans = (np.minimum(x, x + run) < middle) & (middle < np.maximum(x, x + run))
-        height = y[spans] + (middle - x[spans]) * rise[spans] / run[spans]
-        order = np.argsort(height)
-        turns = np.cumsum(np.sign(run[spans][order]))[:-1]
-        wrong = np.diff(height[order])[(turns != 0) & (turns != 1)]
-        if np.any(wrong * (high - low) > 1e-6 * length):
-            return "edges cross one another"
-    return ""
-
-
-class _Piece(eqx.Module):
-    """What of an edge is above the horizon."""
-
-    start: Vector
-    end: Vector
-    seen: Array
-    enters: Array
-    leaves: Array
-
-
-def _edges(count: int) -> list[tuple[int, int]]:
-    return [(i, (i + 1) % count) for i in range(count)]
-
-
-def _above(i: int, j: int, corners: list[Vector], heights: list[Array]) -> _Piece:
-    high, low = heights[i] > 0, heights[j] > 0
-    crosses = high != low
-    at = heights[i] / jnp.where(crosses, heights[i] - heights[j], 1)
-    crossing = corners[i] + (corners[j] - corners[i]) * at
-    start, end = choose(high, corners[i], crossing), choose(low, corners[j], crossing)
-    return _Piece(start, end, high | low, crosses & low, crosses & high)
-
-
-def _edge(a: Vector, b: Vector, normal: Vector, real: Array | bool = True) -> Array:
-    """gamma (Gamma . n) for the edge from a to b, of any lengths: the angle they subtend, about the plane through them."""
-    turn = cross(a, b)
-    square = dot(turn, turn)
-    along = dot(a, b)
-    spans = real & (square > TINY * along * along)
-    sine = jnp.sqrt(jnp.where(spans, square, 1))
-    angle = jnp.arctan2(sine, jnp.where(spans, along, 1))
-    return jnp.where(spans, angle / sine * dot(turn, normal), 0)

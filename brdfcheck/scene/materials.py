@@ -254,6 +254,23 @@ Profile = Callable[[Array], Array]
 """How bright a highlight is by the cosine of the angle between the mirror direction and the view, 1 at 1."""
 
 
+def _base(value: Any) -> Array:
+    return color_of(value, "base", 1)
+
+
+def _share(name: str) -> Callable[[Any], Array]:
+    return lambda value: scalar(value, name, 0, 1)
+
+
+def _power(name: str) -> Callable[[Any], Array]:
+    return lambda value: scalar(value, name)
+
+
+def _backdrop(behind: Any) -> Array:
+    array = checked(behind, "behind")
+    return array if array.ndim > 1 and array.shape[0] == 3 else color_of(behind, "behind")
+
+
 class AbstractHighlighted(AbstractMaterial):
     r"""A matt body with a white highlight, $C = C_1 + w \cos^n a\,(1 - C_1)$ for each light; these are Distant, Point or Spot.
 
@@ -293,14 +310,10 @@ class Highlight(AbstractHighlighted):
     ValueError for values outside these ranges and for lights other than Distant, Point and Spot.
     """
 
-    base: Float[Array, " 3"]
-    d: Float[Array, ""]
-    w: Float[Array, ""]
-    n: Float[Array, ""]
-
-    def __init__(self, base: Any, *, d: Any = 0.5, w: Any = 1.0, n: Any = 10.0):
-        self.base = color_of(base, "base", 1)
-        self.d, self.w, self.n = scalar(d, "d", 0, 1), scalar(w, "w", 0, 1), scalar(n, "n")
+    base: Float[Array, " 3"] = eqx.field(converter=_base)
+    d: Float[Array, ""] = eqx.field(converter=_share("d"), default=0.5, kw_only=True)
+    w: Float[Array, ""] = eqx.field(converter=_share("w"), default=1.0, kw_only=True)
+    n: Float[Array, ""] = eqx.field(converter=_power("n"), default=10.0, kw_only=True)
 
     def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
         return own
@@ -315,29 +328,13 @@ class Translucent(AbstractHighlighted):
     the rest as for `Highlight`.
     """
 
-    base: Float[Array, " 3"]
-    behind: Float[Array, "3 ..."]
-    d: Float[Array, ""]
-    w: Float[Array, ""]
-    n: Float[Array, ""]
-    t_h: Float[Array, ""]
-    t_p: Float[Array, ""]
-
-    def __init__(
-        self,
-        base: Any,
-        *,
-        behind: Any = 0.0,
-        d: Any = 0.5,
-        w: Any = 1.0,
-        n: Any = 10.0,
-        t_h: Any = 0.8,
-        t_p: Any = 1.0,
-    ):
-        self.base = color_of(base, "base", 1)
-        self.behind = _backdrop(behind)
-        self.d, self.w, self.n = scalar(d, "d", 0, 1), scalar(w, "w", 0, 1), scalar(n, "n")
-        self.t_h, self.t_p = scalar(t_h, "t_h", 0, 1), scalar(t_p, "t_p")
+    base: Float[Array, " 3"] = eqx.field(converter=_base)
+    behind: Float[Array, "3 ..."] = eqx.field(converter=_backdrop, default=0.0, kw_only=True)
+    d: Float[Array, ""] = eqx.field(converter=_share("d"), default=0.5, kw_only=True)
+    w: Float[Array, ""] = eqx.field(converter=_share("w"), default=1.0, kw_only=True)
+    n: Float[Array, ""] = eqx.field(converter=_power("n"), default=10.0, kw_only=True)
+    t_h: Float[Array, ""] = eqx.field(converter=_share("t_h"), default=0.8, kw_only=True)
+    t_p: Float[Array, ""] = eqx.field(converter=_power("t_p"), default=1.0, kw_only=True)
 
     def over(self, behind: Any) -> Translucent:
         """The same material over another background."""
@@ -346,11 +343,6 @@ class Translucent(AbstractHighlighted):
     def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
         t = self.t_h * power(1 - jnp.clip(place.cos_view, 0, 1), self.t_p)
         return (1 - t) * spread(self.behind, len(place.shape)) + t * own
-
-
-def _backdrop(behind: Any) -> Array:
-    array = checked(behind, "behind")
-    return array if array.ndim > 1 and array.shape[0] == 3 else color_of(behind, "behind")
 
 
 MetalForm = Literal["facets", "half", "mirror"]

@@ -32,8 +32,7 @@ from jaxtyping import Array, Float
 from brdfcheck import geometry
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.albedo import albedo
-from brdfcheck.transport.completion import Completed
-from brdfcheck.transport.radiosity import checked_steps
+from brdfcheck.transport.enclosures import checked_count
 from brdfcheck.transport.solution import Radius, power_iteration
 
 Remainder = Literal["diffuse", "mirror"]
@@ -58,10 +57,6 @@ class AngularOperator(eqx.Module):
     def albedo(self) -> Float[Array, " nodes"]:
         """T 1: the directional albedo at the nodes."""
         return jnp.sum(self.matrix, axis=1)
-
-    def mean_albedo(self) -> Float[Array, ""]:
-        """The albedo of light that comes evenly from everywhere."""
-        return jnp.sum(2 * self.weight * self.cos_theta * self.albedo())
 
     def reciprocal(self) -> bool:
         """True where the BRDF is, as far as the nodes show it."""
@@ -140,23 +135,16 @@ def angular_operator(brdf: Callable[..., Any], *, nodes: int = 192, azimuths: in
     """
     if not callable(brdf):
         raise TypeError(f"a BRDF must be callable, f(wi, wo); got {type(brdf).__name__}")
-    x, w = gauss(checked_steps(nodes, "nodes"))
+    x, w = gauss(checked_count(nodes, "nodes"))
     leaves = [leaf for leaf in jax.tree.leaves(brdf) if eqx.is_inexact_array(leaf)]
     dtype = jnp.result_type(*leaves) if leaves else jnp.asarray(0.0).dtype
     cosines, weights = np.append(x, 1.0), np.append(w, 0.0)
-    turns = _azimuths(checked_steps(azimuths, "azimuths"))
+    turns = _azimuths(checked_count(azimuths, "azimuths"))
     mu, weight, *turns = (jnp.asarray(part, dtype) for part in (cosines, weights, *turns))
-    value, error = (jnp.asarray(part, dtype) for part in _albedo(brdf, mu))
+    found = albedo(brdf, mu)
+    value, error = jnp.asarray(found.value, dtype), jnp.asarray(found.error, dtype)
     matrix, defect = _subtracted(_kernel(brdf, mu, *turns) * mu * weight, value)
     return AngularOperator(mu, weight, matrix, defect, error)
-
-
-def _albedo(brdf: Any, mu: Array) -> tuple[Any, Any]:
-    if isinstance(brdf, Completed):  # what is given back adds up to the share
-        value, error = _albedo(brdf.brdf, mu)
-        return value + brdf.share(mu), error
-    found = albedo(brdf, mu)
-    return found.value, found.error
 
 
 @jax.jit

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.transport import polygon
 from brdfcheck.transport.form_factors import (
     FormFactor,
     coaxial_disks,
@@ -30,9 +29,6 @@ from brdfcheck.transport.form_factors import (
 # What may be missing from a row sum before the enclosure counts as open.
 _LEAK = 1e-3
 _SWEEPS = 200
-# Pairs of patches further apart than so many radii need no graded nodes, and fewer.
-_APART = 2.0
-_PLAIN = 6
 
 
 class Balance(eqx.Module):
@@ -184,19 +180,19 @@ def _cell(share: Array, count: Any) -> Array:
 # --- making them ---
 
 
-def enclosure(form_factors: Any, areas: Any, *, error: Any = 0.0, dtype: Any = None) -> Enclosure:
+def enclosure(form_factors: Any, areas: Any) -> Enclosure:
     """An enclosure from form factors F_jk (of what leaves j, the fraction that reaches k) and areas, any unit.
 
-    Reciprocity and the row sums are enforced, and how far they were off is in `balance`. `error`: bounds of the errors of the
-    form factors. `dtype`: of the arrays; JAX's default precision if None. Raises ValueError where numbers are negative or not
-    finite, where the enclosure is open (a row sum misses 1 by more than 0.001, the leak is stated), or not reciprocal to 0.001.
+    Reciprocity and the row sums are enforced, and how far they were off is in `balance`. Raises ValueError where numbers are
+    negative or not finite, where the enclosure is open (a row sum misses 1 by more than 0.001, the leak is stated), or not
+    reciprocal to 0.001.
     """
-    return Enclosure(*_closed(form_factors, areas, error, dtype))
+    return Enclosure(*closed(form_factors, areas, 0.0))
 
 
 def sphere(bands: int = 16, sectors: int = 1, *, radius: float = 1.0, dtype: Any = None) -> Sphere:
     r"""The inside of a sphere: $F_{jk} = A_k/(4\pi r^2)$. ValueError for counts or a radius that are not positive."""
-    bands, sectors = _count(bands, "bands"), _count(sectors, "sectors")
+    bands, sectors = checked_count(bands, "bands"), checked_count(sectors, "sectors")
     radius = _size(radius, "radius")
     count = bands * sectors
     if count < 2:
@@ -204,7 +200,7 @@ def sphere(bands: int = 16, sectors: int = 1, *, radius: float = 1.0, dtype: Any
     areas = np.full(count, 4 * np.pi * radius * radius / count)
     factors = inside_sphere(areas, radius)
     matrix, error = (np.broadcast_to(part, (count, count)) for part in factors)
-    parts = _closed(matrix, areas, error, dtype)
+    parts = closed(matrix, areas, error, dtype)
     return Sphere(*parts, jnp.asarray(radius, parts[0].dtype), bands, sectors)
 
 
@@ -220,7 +216,7 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1,
     if np.shape(size) != (3,):
         raise ValueError(f"size must be three lengths; got {size!r}")
     edges = [_size(edge, "size") for edge in size]
-    counts = [_count(count, "cells") for count in ([cells] * 3 if np.ndim(cells) == 0 else list(cells))]  # pyright: ignore
+    counts = [checked_count(count, "cells") for count in ([cells] * 3 if np.ndim(cells) == 0 else list(cells))]  # pyright: ignore
     if len(counts) != 3:
         raise ValueError(f"cells must be one number or three; got {cells!r}")
     steps = [edge / count for edge, count in zip(edges, counts, strict=True)]
@@ -253,7 +249,7 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1,
             off_there = there[axis] if wall % 2 == 0 else counts[axis] - 1 - there[axis]
             block = table[off_here, off_there, abs(here[common] - there[common])]
         matrix[first[wall] : first[wall + 1], first[other] : first[other + 1]] = block
-    parts = _closed(matrix, areas, error, dtype)
+    parts = closed(matrix, areas, error, dtype)
     return Box(*parts, jnp.asarray(edges, parts[0].dtype), tuple(counts))  # pyright: ignore[reportArgumentType]
 
 
@@ -275,14 +271,14 @@ def _adjacent(axis: int, across: int, steps: Sequence[float], counts: Sequence[i
     return perpendicular_rectangles(x[:, None, None], (0, steps[common]), z[None, :, None], y[None, None, :])
 
 
-def cylinder(radius: float = 1.0, height: float = 1.0, *, rings: int = 1, bands: int = 1, dtype: Any = None) -> Enclosure:
+def cylinder(radius: float = 1.0, height: float = 1.0, *, rings: int = 1, bands: int = 1) -> Enclosure:
     """A can: the bottom in `rings` of equal width (from the axis outwards), the side in `bands` (upwards), the top in rings.
 
     All form factors follow from those of coaxial disks, by subtraction: what crosses a disk and not the next one lands
     between. Raises ValueError for sizes or counts that are not positive.
     """
     radius, height = _size(radius, "radius"), _size(height, "height")
-    rings, bands = _count(rings, "rings"), _count(bands, "bands")
+    rings, bands = checked_count(rings, "rings"), checked_count(bands, "bands")
     r, z = np.linspace(0, radius, rings + 1), np.linspace(0, height, bands + 1)
 
     def flux(a: Any, b: Any, distance: Any) -> np.ndarray:
@@ -313,128 +309,14 @@ def cylinder(radius: float = 1.0, height: float = 1.0, *, rings: int = 1, bands:
     ring_areas = np.pi * np.diff(r * r)
     areas = np.concatenate([ring_areas, np.full(bands, 2 * np.pi * radius * height / bands), ring_areas])
     error = 32 * np.finfo(float).eps * np.pi * radius * radius / areas[:, None] * np.ones_like(exchange)
-    return Enclosure(*_closed(np.maximum(exchange, 0) / areas[:, None], areas, error, dtype))
-
-
-def polyhedron(
-    vertices: Any, faces: Sequence[Sequence[int]], *, divisions: int = 1, order: int = 16, dtype: Any = None
-) -> Enclosure:
-    """A convex polyhedron from vertices (v, 3) and faces, each a list of vertices counterclockwise as seen from outside.
-
-    `divisions` k divides triangles and quadrilaterals into k^2 patches, in the order of the faces. Form factors by the clipped
-    point-to-polygon formula over graded Gauss nodes, `order` a direction (see `patch_form_factor`), both ways. Nothing hides
-    anything in a convex solid; others need form factors with visibility, which `enclosure` takes.
-    Raises ValueError for a surface that is open (the leak is stated), not convex, or wrongly turned, and for bad faces.
-    """
-    corners, divisions = np.asarray(vertices, float), _count(divisions, "divisions")
-    if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 2:
-        raise ValueError(f"order must be a whole number >= 2; got {order!r}")
-    if corners.ndim != 2 or corners.shape[1] != 3 or not np.all(np.isfinite(corners)):
-        raise ValueError(f"vertices must be finite, of the shape (vertices, 3); got the shape {corners.shape}")
-    walls = _walls(corners, faces)
-    gaps = _gaps(faces)
-    _refuse_dents(corners, walls)
-    patches = [patch for wall in walls for patch in _divided(wall, divisions)]
-    shapes = polygon.padded(patches)
-    areas, normals = polygon.measures(shapes)
-    matrix, error = _between_patches(shapes, areas, normals, int(order))
-    if gaps:
-        leak = np.sum(areas * (1 - np.sum(matrix, axis=1))) / np.sum(areas)
-        raise ValueError(
-            f"the enclosure is open along {len(gaps)} edges, the first between the vertices {gaps[0][0]} and {gaps[0][1]}:"
-            f" of what its walls send out, {leak:.3g} escapes; add the missing face"
-        )
-    return Enclosure(*_closed(matrix, areas, error, dtype))
-
-
-def _walls(corners: np.ndarray, faces: Sequence[Sequence[int]]) -> list[np.ndarray]:
-    if len(faces) < 2:
-        raise ValueError(f"an enclosure has at least 2 faces; got {len(faces)}")
-    walls = []
-    for i, face in enumerate(faces):
-        indices = np.asarray(face)
-        if indices.ndim != 1 or not np.issubdtype(indices.dtype, np.integer) or len(set(indices.tolist())) != len(indices):
-            raise ValueError(f"face {i} must be a list of different vertex numbers; got {face!r}")
-        if np.any((indices < 0) | (indices >= len(corners))):
-            raise ValueError(f"face {i} names a vertex that does not exist; there are {len(corners)}, got {list(face)}")
-        walls.append(polygon.checked_polygon(corners[indices], f"face {i}"))
-    return walls
-
-
-def _gaps(faces: Sequence[Sequence[int]]) -> list[tuple[int, int]]:
-    """Edges that belong to one face only. ValueError for faces that are turned against each other."""
-    seen: dict[tuple[int, int], int] = {}
-    for i, face in enumerate(faces):
-        for a, b in itertools.pairwise([*face, face[0]]):
-            if (a, b) in seen:
-                raise ValueError(f"the faces {seen[a, b]} and {i} run along the edge {a} to {b} the same way: turn one of them")
-            seen[int(a), int(b)] = i
-    return [(a, b) for a, b in seen if (b, a) not in seen]
-
-
-def _refuse_dents(corners: np.ndarray, walls: Sequence[np.ndarray]) -> None:
-    used = np.concatenate(list(walls))
-    size = float(np.max(np.ptp(used, axis=0)))
-    for i, wall in enumerate(walls):
-        normal = polygon.measures(wall[None])[1][0]
-        heights = (used - wall[0]) @ normal / size
-        if np.max(heights) > 1e-9:
-            inside_out = np.min(heights) > -1e-9
-            reason = (
-                "turn it: counterclockwise from outside"
-                if inside_out
-                else "it must be convex: all walls see each other (for others give form factors to transport.enclosure)"
-            )
-            raise ValueError(f"a vertex lies outside face {i} by {np.max(heights):.3g} of the size of the enclosure: {reason}")
-
-
-def _divided(wall: np.ndarray, divisions: int) -> list[np.ndarray]:
-    if divisions == 1:
-        return [wall]
-    if len(wall) > 4:
-        raise ValueError(f"only triangles and quadrilaterals can be divided; a face has {len(wall)} vertices")
-    steps = np.arange(divisions + 1) / divisions
-    if len(wall) == 4:
-        u, v = np.meshgrid(steps, steps, indexing="ij")
-        grid = np.einsum("cij,cx->ijx", [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], wall)
-        quads = itertools.product(range(divisions), repeat=2)
-        return [grid[[i, i + 1, i + 1, i], [j, j, j + 1, j + 1]] for i, j in quads]
-
-    def at(i: int, j: int) -> np.ndarray:
-        return wall[0] + steps[i] * (wall[1] - wall[0]) + steps[j] * (wall[2] - wall[0])
-
-    found = []
-    for i, j in itertools.product(range(divisions), repeat=2):
-        if i + j < divisions:
-            found.append(np.stack([at(i, j), at(i + 1, j), at(i, j + 1)]))
-        if i + j < divisions - 1:
-            found.append(np.stack([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]))
-    return found
-
-
-def _between_patches(shapes: np.ndarray, areas: np.ndarray, normals: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    count = len(shapes)
-    centres = np.mean(shapes, axis=1)
-    reach = np.max(np.linalg.norm(shapes - centres[:, None], axis=-1), axis=1)
-    first, second = np.triu_indices(count, 1)
-    gap = np.linalg.norm(centres[first] - centres[second], axis=-1) / (reach[first] + reach[second])
-    flat = np.einsum("ij,ij->i", normals[first], normals[second]) > 1 - 1e-12  # of one wall: nothing is exchanged
-    exchange, error = np.zeros((count, count)), np.zeros((count, count))
-    for chosen, nodes, graded in ((~flat & (gap < _APART), order, True), (~flat & (gap >= _APART), _PLAIN, False)):
-        pairs = np.stack([first[chosen], second[chosen]], axis=-1)
-        if len(pairs):
-            found, doubt = polygon.pair_exchange(shapes, normals, pairs, nodes, graded)
-            for i, j in ((0, 1), (1, 0)):
-                exchange[pairs[:, i], pairs[:, j]] = found
-                error[pairs[:, i], pairs[:, j]] = doubt
-    return exchange / areas[:, None], error / areas[:, None]
+    return Enclosure(*closed(np.maximum(exchange, 0) / areas[:, None], areas, error))
 
 
 # --- what a closed enclosure demands ---
 
 
-def _closed(form_factors: Any, areas: Any, error: Any, dtype: Any) -> tuple[Array, Array, Array, Balance]:
-    """(form factors, areas, uncertainty, balance) with reciprocity and row sums enforced."""
+def closed(form_factors: Any, areas: Any, error: Any, dtype: Any = None) -> tuple[Array, Array, Array, Balance]:
+    """(form factors, areas, uncertainty, balance) of an enclosure, with reciprocity and row sums enforced."""
     matrix, areas = np.asarray(form_factors, float), np.asarray(areas, float)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or areas.shape != matrix.shape[:1]:
         raise ValueError(f"form factors must be (patches, patches) and areas (patches,); got {matrix.shape} and {areas.shape}")
@@ -492,9 +374,10 @@ def _refuse_leaks(sums: np.ndarray, areas: np.ndarray) -> None:
     )
 
 
-def _count(value: Any, name: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise ValueError(f"{name} must be a whole number >= 1; got {value!r}")
+def checked_count(value: Any, name: str, least: int = 1) -> int:
+    """`value` as an int; ValueError where it is not a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} must be a whole number >= {least}; got {value!r}")
     return int(value)
 
 

@@ -1,9 +1,8 @@
-r"""Form factors in closed form: rectangles along the axes, coaxial disks, the inside of a sphere.
+r"""Form factors: rectangles along the axes, coaxial disks, the inside of a sphere, in closed form.
 
-$F_{jk}$ is the fraction of what leaves the diffuse surface j that reaches k. All of this runs in numpy's float64. The
-closed forms of rectangles are differences of sixteen values of one antiderivative and lose as many digits as the patches are
-small, which the error of each result bounds; where that leaves less than eight digits and the rectangles are far apart by
-their sizes, Gauss nodes on both take over, which lose none.
+$F_{jk}$ is the fraction of what leaves the diffuse surface j that reaches k. All of this runs in numpy's float64. The closed
+forms of rectangles are differences of sixteen values of one antiderivative and lose as many digits as the patches are small
+and far apart, which the error of each result bounds.
 """
 
 from __future__ import annotations
@@ -15,16 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck.numerics import gauss
-
 _EPSILON = float(np.finfo(float).eps)
 # Rounding of one corner by the sum of its parts' sizes: two differences, a root, a quotient, an arc tangent, two products.
 _ROUNDING = 6
-# Nodes are tried where the closed form has fewer digits than this, at distances of so many longest sides: there the kernel
-# is a polynomial of low degree to all digits. Gauss nodes on each of the four sides, and those they are compared with.
-_ENOUGH, _FAR = 1e-8, 8.0
-_ORDERS = (5, 4)
-_CHUNK = 2048
 
 
 class FormFactor(NamedTuple):
@@ -56,12 +48,7 @@ def parallel_rectangles(x: Any, y: Any, other_x: Any, other_y: Any, distance: An
         parts = np.stack(antiderivative(x[..., i] - other_x[..., k], y[..., j] - other_y[..., m]))
         return np.sum(parts, axis=0), np.sum(np.abs(parts), axis=0)
 
-    def kernel(x: np.ndarray, y: np.ndarray, other_x: np.ndarray, other_y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        # r^2 by z: a distance of any unit keeps the fourth power in range.
-        return 1 / (np.pi * (z + ((x - other_x) ** 2 + (y - other_y) ** 2) / z) ** 2)
-
-    gap = np.hypot(np.hypot(_apart(x, other_x), _apart(y, other_y)), z)
-    return _best(term, kernel, (x, y, other_x, other_y), gap, (z,))
+    return _alternating(term, x, y, other_x, other_y)
 
 
 def perpendicular_rectangles(x: Any, y: Any, z: Any, other_y: Any) -> FormFactor:
@@ -88,12 +75,7 @@ def perpendicular_rectangles(x: Any, y: Any, z: Any, other_y: Any) -> FormFactor
         # Two integrals over x and z, two over v = y - y', where the second one counts backwards.
         return (first * logarithm + second) / (4 * np.pi), size / (4 * np.pi)
 
-    def kernel(x: np.ndarray, y: np.ndarray, z: np.ndarray, other_y: np.ndarray) -> np.ndarray:
-        square = x * x + z * z + (y - other_y) ** 2
-        return x / square * (z / square) / np.pi
-
-    gap = np.hypot(np.hypot(x[..., 0], z[..., 0]), _apart(y, other_y))
-    return _best(term, kernel, (x, y, z, other_y), gap)
+    return _alternating(term, x, y, z, other_y)
 
 
 def coaxial_disks(radius: Any, other_radius: Any, distance: Any) -> FormFactor:
@@ -121,60 +103,14 @@ def inside_sphere(area: Any, radius: Any) -> FormFactor:
     return FormFactor(value, 4 * _EPSILON * value)
 
 
-def _best(
-    term: Callable[..., tuple[np.ndarray, np.ndarray]],
-    kernel: Callable[..., np.ndarray],
-    sides: tuple[np.ndarray, ...],
-    gap: np.ndarray,
-    others: tuple[np.ndarray, ...] = (),
-) -> FormFactor:
-    """The closed form, or nodes where it has lost its digits and the rectangles are far apart; the smaller error decides.
-
-    `term`: value and size of a corner; `kernel`: at points of the four sides, and the `others`. The first two sides are those
-    of the rectangle that sends.
-    """
-    lengths = [side[..., 1] - side[..., 0] for side in sides]
-    area = lengths[0] * lengths[1]
+def _alternating(term: Callable[..., tuple[np.ndarray, np.ndarray]], *sides: np.ndarray) -> FormFactor:
+    """The closed form: `term`, value and size of a corner, at the ends of the four sides, over the area of the first two."""
+    area = (sides[0][..., 1] - sides[0][..., 0]) * (sides[1][..., 1] - sides[1][..., 0])
     total, size = np.asarray(0.0), np.asarray(0.0)
     for corner in itertools.product(range(2), repeat=4):
         value, parts = term(*corner)
         total, size = total + (-1) ** sum(corner) * value, size + parts
-    total, error = np.broadcast_arrays(total / area, _ROUNDING * _EPSILON * size / area)
-    longest = np.max(np.broadcast_arrays(*lengths), axis=0)
-    lost = np.broadcast_to((error > _ENOUGH * np.abs(total)) & (gap > _FAR * longest), total.shape)
-    if not np.any(lost):
-        return FormFactor(total, error)
-    total, error = total.copy(), error.copy()
-    chosen = [np.broadcast_to(part, (*total.shape, 2))[lost] for part in sides]
-    value, doubt = _by_nodes(kernel, chosen, [np.broadcast_to(part, total.shape)[lost] for part in others])
-    better = doubt < error[lost]
-    total[lost], error[lost] = np.where(better, value, total[lost]), np.where(better, doubt, error[lost])
-    return FormFactor(total, error)
-
-
-def _by_nodes(kernel: Callable[..., np.ndarray], sides: list[np.ndarray], others: list[np.ndarray]) -> FormFactor:
-    """The mean of the kernel over the first two sides, its integral over the others; sides (pairs, 2), others (pairs,)."""
-    found = []
-    for order in _ORDERS:
-        nodes, weights = gauss(order)
-        places = np.meshgrid(*[nodes] * 4, indexing="ij")
-        weight = np.prod(np.meshgrid(*[weights] * 4, indexing="ij"), axis=0).ravel()
-        rows = []
-        for start in range(0, len(sides[0]), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            points = [
-                side[part, :1] + (side[part, 1:] - side[part, :1]) * place.ravel()
-                for side, place in zip(sides, places, strict=True)
-            ]
-            rows.append(kernel(*points, *(other[part, None] for other in others)) @ weight)
-        found.append(np.concatenate(rows) * np.prod([side[:, 1] - side[:, 0] for side in sides[2:]], axis=0))
-    fine, coarse = found
-    return FormFactor(fine, np.abs(fine - coarse) + 32 * _EPSILON * fine)
-
-
-def _apart(interval: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The distance between two intervals on a line; 0 where they meet."""
-    return np.maximum(np.maximum(interval[..., 0] - other[..., 1], other[..., 0] - interval[..., 1]), 0)
+    return FormFactor(*np.broadcast_arrays(total / area, _ROUNDING * _EPSILON * size / area))
 
 
 def _intervals(**ends: Any) -> Iterator[Float[np.ndarray, "... 2"]]:

@@ -21,9 +21,7 @@ from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.transport.angular import angular_operator
-from brdfcheck.transport.completion import Completed
-from brdfcheck.transport.enclosures import Box, Sphere
-from brdfcheck.transport.radiosity import checked_steps
+from brdfcheck.transport.enclosures import Box, Sphere, checked_count
 from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_at, standing
 
 Sampling = Literal["lobe", "cosine"]
@@ -81,12 +79,12 @@ def trace(
     if equation == "patches" and not diffuse:
         raise ValueError("the equation of patches is for diffuse walls: with other BRDFs light has a direction")
     lanes = _GROUPS * _LANES
-    each = -(-checked_steps(paths, "paths") // lanes)
+    each = -(-checked_count(paths, "paths") // lanes)
     posed = problem(enclosure, emission, reflectance)
     if not float(jnp.sum(posed.emission)) > 0:
         raise ValueError("nothing emits: at least one patch must have an emission above 0")
     wall = _of_type(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
-    most = jnp.asarray(checked_steps(max_bounces, "max_bounces") * each)
+    most = jnp.asarray(checked_count(max_bounces, "max_bounces") * each)
     # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
     shown = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * wall.reflectance) if diffuse else posed
     radius = radius_at(shown) if diffuse else _bounds(enclosure, posed, wall)
@@ -201,9 +199,9 @@ def energy_after_bounces(
     that none outweighs the others however many bounces. Errors are one standard error. Raises as `trace` does.
     """
     _checked(enclosure, key, sampling)
-    each = -(-checked_steps(paths, "paths") // (_GROUPS * _LANES)) * _LANES
+    each = -(-checked_count(paths, "paths") // (_GROUPS * _LANES)) * _LANES
     wall = _of_type(brdf, enclosure.areas.dtype)
-    return _energy(enclosure, wall, key, checked_steps(bounces, "bounces"), each, sampling, jnp.asarray(bool(beam)))
+    return _energy(enclosure, wall, key, checked_count(bounces, "bounces"), each, sampling, jnp.asarray(bool(beam)))
 
 
 @eqx.filter_jit
@@ -274,7 +272,7 @@ def _scatter(brdf: Any, direction: Array, normal: Array, u: Array, sampling: str
 
 def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]:
     """A direction in the frame where the light is at azimuth 0, and f (N.wo) / p, for one ray."""
-    core, _ = peel(brdf.brdf if isinstance(brdf, Completed) else brdf)
+    core, _ = peel(brdf)
     about_normal = _cosine(u[None, 1:3])[0]
     wi = jnp.stack([jnp.sqrt((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
     if sampling == "cosine" or isinstance(core, Lambert):  # a diffuse wall's lobe is the cosine itself
@@ -286,9 +284,6 @@ def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]
         main, tail = 1 - cosine, 0.0
     else:
         main, tail, cosine = _SHARES["facets" if lobe.facets else "tail" if isinstance(core, Schlick) else "zonal"]
-    if isinstance(brdf, Completed):  # what is given back leaves diffusely
-        given = 0.9 * brdf.share(mu) + 0.05
-        main, tail, cosine = main * (1 - given), tail * (1 - given), cosine * (1 - given) + given
     azimuth = 2 * np.pi * u[2]
     versine = jnp.where(u[0] < main, lobe.versine(1 - u[1]), lobe.tail_versine(u[1]))
     wo, useful = lobe.directions(versine, azimuth)
@@ -314,8 +309,7 @@ def _checked(enclosure: Any, key: Any, sampling: str) -> None:
 
 def _of_type(brdf: Any, dtype: Any) -> Any:
     """The BRDF in the precision of the enclosure. TypeError where its directions cannot be drawn."""
-    inner = brdf.brdf if isinstance(brdf, Completed) else brdf
-    core = peel(inner)[0] if isinstance(inner, AbstractBRDF) else inner
+    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
     if not has_axis(core):
         raise TypeError(f"paths need a lobe about an axis or one made of facets; got {type(core).__name__}")
     up = jnp.asarray([0.0, 0.0, 1.0])

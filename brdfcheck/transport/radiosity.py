@@ -1,4 +1,4 @@
-r"""Radiosity: B = E + rho F B solved directly, by conjugate gradients, and by shooting from patch to patch.
+r"""Radiosity: B = E + rho F B solved directly, by conjugate gradients, by shooting, and bounce by bounce.
 
 Linear algebra is lineax's. Conjugate gradients take the symmetric form: with G the exchange areas and D = sqrt(rho/A) the
 reflected part is D y, (1 - D G D) y = D G E, positive definite exactly when the spectral radius is below 1.
@@ -14,8 +14,8 @@ import lineax
 import numpy as np
 from jaxtyping import Array
 
-from brdfcheck.transport.enclosures import AbstractEnclosure
-from brdfcheck.transport.solution import Problem, Solution, Status, bounded, judged, problem, radius_of, standing
+from brdfcheck.transport.enclosures import AbstractEnclosure, checked_count
+from brdfcheck.transport.solution import Problem, Radius, Solution, Status, bounded, judged, problem, radius_of, standing
 
 _STABILISE = 10
 _MOST_SHOTS = 3000  # times the number of patches
@@ -50,7 +50,7 @@ def krylov(
     Arguments, errors and what happens at a spectral radius of 1 or more as for `direct`; also ValueError for a tolerance
     outside (0, 1) or steps below 1. float32 reaches about 1e-6.
     """
-    steps = jnp.asarray(checked_steps(max_steps))
+    steps = jnp.asarray(checked_count(max_steps, "max_steps"))
     return _krylov(problem(enclosure, emission, reflectance), jnp.asarray(checked_tolerance(tolerance)), steps)
 
 
@@ -95,7 +95,7 @@ def progressive(
     ValueError as for `krylov`.
     """
     posed = problem(enclosure, emission, reflectance)
-    steps = _MOST_SHOTS * posed.areas.size if max_steps is None else checked_steps(max_steps)
+    steps = _MOST_SHOTS * posed.areas.size if max_steps is None else checked_count(max_steps, "max_steps")
     return _progressive(posed, jnp.asarray(checked_tolerance(tolerance)), jnp.asarray(steps))
 
 
@@ -123,6 +123,63 @@ def _progressive(problem: Problem, tolerance: Array, max_steps: Array) -> Soluti
     return finished(problem, radius, refused(value, code), code, left <= enough, cost, count, "progressive")
 
 
+def neumann_series(
+    enclosure: AbstractEnclosure,
+    emission: Any,
+    reflectance: Any,
+    *,
+    terms: int | None = None,
+    tolerance: float = 1e-10,
+    max_terms: int = 100_000,
+) -> Solution:
+    r"""The sum over bounces: the emission and the light after 1, 2, ... reflections.
+
+    `terms`: how many of them, the emission included; by default as many as make the bound on the rest fall below `tolerance`
+    times the largest radiosity. Where the spectral radius, measured by power iteration, is 1 or more, no sum is reported: the
+    value is NaN, the error inf, and the message gives the reason. The error is $\theta/(1-\theta)$ times the last term, in the
+    norm in which K shrinks by $\theta$; for one reflectance rho never above $\rho^M/(1-\rho)$ times the largest emission.
+    ValueError for bad emissions and reflectances, counts below 1, or a tolerance outside (0, 1).
+    """
+    most = checked_count(max_terms, "max_terms") if terms is None else checked_count(terms, "terms")
+    aim = checked_tolerance(tolerance) if terms is None else 0.0
+    return _neumann(problem(enclosure, emission, reflectance), jnp.asarray(aim), jnp.asarray(most))
+
+
+@jax.jit
+def _neumann(problem: Problem, tolerance: Array, max_terms: Array) -> Solution:
+    radius = radius_of(problem)
+    code = standing(radius, refuses=True)
+    dtype = problem.areas.dtype
+    tolerance = tolerance.astype(dtype)
+    shrinking = _shrinking(problem, radius)
+
+    def rest(term: Array) -> Array:
+        norm, theta = jnp.max(term / shrinking[0]), shrinking[1]
+        return jnp.where(theta < 1, norm * theta / jnp.where(theta < 1, 1 - theta, 1), jnp.inf)
+
+    def bounce(state: Any) -> Any:
+        value, term, _, count = state
+        term = problem.apply(term)
+        value = value + term
+        return value, term, rest(term) <= tolerance * jnp.max(value), count + 1
+
+    def goes_on(state: Any) -> Array:
+        return ~state[2] & (state[3] < max_terms) & (code == Status.SOLVED)
+
+    enough = rest(problem.emission) <= tolerance * jnp.max(problem.emission)
+    value, _, enough, count = jax.lax.while_loop(goes_on, bounce, (problem.emission, problem.emission, enough, jnp.asarray(1)))
+    cost = (count - 1).astype(dtype) * problem.areas.size**2
+    # A number of terms that was asked for is always reached.
+    return finished(problem, radius, refused(value, code), code, enough | (tolerance == 0), cost, count, "neumann")
+
+
+def _shrinking(problem: Problem, radius: Radius) -> tuple[Array, Array]:
+    """A positive vector w of largest entry 1 and the largest theta of K w <= theta w."""
+    w = radius.vector / jnp.maximum(jnp.max(radius.vector), 1e-6) + 1e-3
+    w = w / jnp.max(w)
+    return w, jnp.max(problem.apply(w) / w)
+
+
 # --- what the solvers share ---
 
 
@@ -144,10 +201,3 @@ def checked_tolerance(tolerance: Any) -> float:
     if isinstance(tolerance, bool) or not isinstance(tolerance, (int, float, np.floating)) or not 0 < tolerance < 1:
         raise ValueError(f"tolerance must be a number between 0 and 1; got {tolerance!r}")
     return float(tolerance)
-
-
-def checked_steps(steps: Any, name: str = "max_steps") -> int:
-    """`steps` as an int; ValueError where it is not a whole number of at least 1."""
-    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1:
-        raise ValueError(f"{name} must be a whole number >= 1; got {steps!r}")
-    return int(steps)

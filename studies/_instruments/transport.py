@@ -18,17 +18,31 @@ import numpy as np
 from scipy.optimize import brentq
 
 from brdfcheck.transport.angular import AngularOperator, angular_operator
-from brdfcheck.transport.enclosures import AbstractEnclosure, Box, Sphere, box
-from brdfcheck.transport.neumann import neumann_series
+from brdfcheck.transport.enclosures import AbstractEnclosure, Box, Sphere, box, checked_count
 from brdfcheck.transport.paths import trace
-from brdfcheck.transport.radiosity import checked_steps, direct, krylov, progressive, solve_directly
+from brdfcheck.transport.radiosity import direct, krylov, neumann_series, progressive, solve_directly
 from brdfcheck.transport.solution import Solution, problem
 
 _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 _PATHS = (2**12, 2**14, 2**16, 2**18, 2**20)
 # Seconds of repeats after which something has been timed enough.
 _ENOUGH = 1.0
-METHODS = ("direct", "krylov", "progressive", "neumann", "paths")
+# How each solver is drawn: colour and marker (those of Okabe & Ito 2008, without the yellow).
+SOLVERS: dict[str, tuple[str, str]] = {
+    "direct": ("#000000", "X"),
+    "krylov": ("#0072B2", "o"),
+    "progressive": ("#E69F00", "s"),
+    "neumann": ("#009E73", "^"),
+    "paths": ("#CC79A7", "D"),
+}
+LABELS: dict[str, str] = {
+    "direct": "direct (LU)",
+    "krylov": "conjugate gradients",
+    "progressive": "progressive shooting",
+    "neumann": "Neumann series",
+    "paths": "path tracing",
+}
+METHODS = tuple(SOLVERS)
 
 
 @dataclass(frozen=True)
@@ -66,7 +80,7 @@ def work_precision(
         raise ValueError(
             f"reference must be finite, one for each of the {enclosure.patches} patches; got the shape {truth.shape}"
         )
-    settings, repeats = checked_steps(settings, "settings"), checked_steps(repeats, "repeats")
+    settings, repeats = checked_count(settings, "settings"), checked_count(repeats, "repeats")
     runs: list[tuple[str, Sequence[float], Callable[[Any], Solution]]] = [
         ("direct", (0.0,), lambda _: direct(enclosure, emission, reflectance)),
         ("krylov", _TOLERANCES, lambda aim: krylov(enclosure, emission, reflectance, tolerance=aim)),

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from _instruments import Unheard
 from _instruments.peers.peer import PeerMissing, load, not_installed
-from brdfcheck.interruption import Unheard
 
 # exp(-42) = 6e-19: slopes beyond 6.5 m add nothing.
 _LARGEST_SLOPE = 6.5

@@ -1,0 +1,137 @@
+"""The albedo of a lobe without its factor, as a function of its exponent, and the lobe with another factor on it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.callables import name_of
+from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.subject import as_family
+from brdfcheck.fits.minimax import extrema, spread
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+
+# A range that is narrower than this part of its end is one exponent: what a slope would win is below the error bars.
+_NARROW = 1e-9
+# Minima that are equal up to this part are one value, reached more than once.
+_TIE = 1e-12
+
+
+class RawAlbedo:
+    """The albedo of a family of one exponent n without its factor, as a function of n, and the family with a factor on it.
+
+    ValueError where the family has no exponent n, or other parameters besides.
+    """
+
+    def __init__(self, target: Any, n: tuple[float, float]):
+        low, high = _checked_range(n)
+        self.low, self.high = low, high
+        family = _one_exponent(target, (low, high))
+        self.name = family.name
+        self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
+        self._albedo = PointwiseAlbedo(self.family)
+
+    @property
+    def lobe(self) -> Any:
+        """The family's member at the lower end of the range, without its factor."""
+        return self.family.build(n=self.low)
+
+    @property
+    def single(self) -> bool:
+        """True where the range is one exponent in all but name: within it no factor varies."""
+        return self.high - self.low <= _NARROW * self.high
+
+    @property
+    def fast(self) -> bool:
+        """True where an albedo costs microseconds."""
+        return self._albedo.fast
+
+    def grid(self) -> np.ndarray:
+        """Exponents to begin with, the ends of the range among them."""
+        return spread(self.low, self.high, (257, 65, 33, 33)[self._albedo.effort])
+
+    def __call__(self, n: np.ndarray) -> np.ndarray:
+        """The raw albedo at normal incidence (or the cosine nearest to it that the family allows), shape (points,)."""
+        return self.at(n, np.full(len(n), self.family.cos_theta[1]))
+
+    def at(self, n: np.ndarray, cos_theta: np.ndarray) -> np.ndarray:
+        """The raw albedo at pairs of exponent and cosine of incidence, shape (points,)."""
+        return self._albedo(n[:, None], cos_theta, np.zeros(len(n)))[0]
+
+    def with_factor(self, factor: AbstractFactor) -> Family:
+        """The family with this factor instead of none."""
+        raw = self.family
+        return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n))
+
+    def lowest(self, factor: AbstractFactor) -> tuple[float, float]:
+        """The smallest albedo at normal incidence with `factor`, and its exponent: a continuous minimum.
+
+        Where it is reached more than once, as minimax factors reach it, the exponent is the smallest.
+        """
+        grid = self.grid()
+
+        def curve(n: np.ndarray) -> np.ndarray:
+            return np.asarray(factor(jnp.asarray(n))) * self(n)
+
+        places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
+        smallest = float(np.min(values))
+        return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
+
+
+def _checked_range(n: tuple[float, float]) -> tuple[float, float]:
+    try:
+        low, high = (float(bound) for bound in n)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the range of n must be two numbers (LO, HI); got {n!r}") from error
+    if not (math.isfinite(low) and math.isfinite(high) and 0 <= low <= high):
+        raise ValueError(f"the range of n must be finite, with 0 <= LO <= HI; got {low:g}:{high:g}")
+    return low, high
+
+
+def _one_exponent(target: Any, n: tuple[float, float]) -> Family:
+    name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
+    known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
+    if known is not None and "n" not in known.ranges:
+        has = ", ".join(known.ranges) or "no parameters"
+        raise ValueError(f"{name} has no exponent n to normalise over; it has {has}")
+    family = as_family(target, {"n": n}, None)
+    held = {key: bounds for key, bounds in family.ranges.items() if key != "n"}
+    for key, (low, high) in held.items():
+        if low != high:
+            raise ValueError(f"{name}: a factor is a function of n alone; hold {key} at one value, not {low:g}:{high:g}")
+    values = {key: low for key, (low, _) in held.items()}
+    return Family(family.name, lambda n: family.build(n=n, **values), {"n": n}, family.cos_theta)
+
+
+def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:
+    """`brdf` with the factor in place of its own (None: without any)."""
+    if isinstance(brdf, Normalized):
+        return _with_factor(brdf.lobe, factor, n)
+    if isinstance(brdf, PerCosine):
+        return PerCosine(_with_factor(brdf.base, factor, n))
+    if factor is None:
+        return brdf
+    if isinstance(brdf, AbstractZonalLobe) and hasattr(brdf, "n"):
+        return Normalized(brdf, factor)
+    if isinstance(brdf, AbstractBRDF):
+        return _Scaled(brdf, factor, n)
+    # A function stays what it was: one that JAX can trace, or one of numpy.
+    return lambda wi, wo: factor(jnp.asarray(n)) * brdf(wi, wo)
+
+
+class _Scaled(AbstractBRDF):
+    """Any BRDF times a factor: for families whose exponent is hidden in other parameters."""
+
+    base: AbstractBRDF
+    factor: AbstractFactor
+    n: Any
+
+    def __call__(self, wi: Any, wo: Any) -> Any:
+        return self.factor(jnp.asarray(self.n)) * self.base(wi, wo)
