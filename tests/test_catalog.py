@@ -15,7 +15,6 @@ from selection import few
 
 from brdfcheck.brdf import catalog, lobes, microfacet
 from brdfcheck.brdf.base import FORMS, AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.family import Family
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
@@ -214,7 +213,7 @@ def without_catalogue_row(classes: set[type]) -> set[type]:
     rows = set()
     for entry in catalog.entries():
         middle = {name: (low + high) / 2 for name, (low, high) in entry.family.ranges.items()}
-        rows.add(type(peel(entry.family.build(**middle))[0]))
+        rows.add(type(entry.family.build(**middle).core))
     return classes - rows
 
 

@@ -9,7 +9,7 @@ import pytest
 from selection import few
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import Constant, Normalized, peel
+from brdfcheck.brdf.factors import Constant, Normalized
 from brdfcheck.brdf.microfacet import CookTorrance
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.furnace import directional_albedo
@@ -50,7 +50,7 @@ def numbers(name, dtype):
 
 
 def kind(name):
-    core = peel(numbers(name, jnp.float32)[0])[0]
+    core = numbers(name, jnp.float32)[0].core
     return type(core), getattr(core, "form", "")
 
 

@@ -10,7 +10,6 @@ from selection import few
 
 from brdfcheck import Factor, Normalized, albedo, albedo_table
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.operations import elements
@@ -146,7 +145,7 @@ def test_threads_keep_the_callers_precision(monkeypatch):
 def test_few_exps_a_cell(name, most):
     n, mu = np.geomspace(1, 1000, 1000), np.linspace(1 / 90, 1, 90)
     family = catalog.exponent_family(name)
-    plan = tables._plan(peel(tables._structure(family, np.dtype(float)))[0])
+    plan = tables._plan(tables._structure(family, np.dtype(float)).core)
     blocks = tables._blocks(n, plan)
     traced = jax.make_jaxpr(lambda mu: tables._shared_nodes(family, plan, jnp.asarray(n), blocks, mu))(jnp.asarray(mu))
     count = elements(traced)

@@ -64,7 +64,7 @@ class AbstractBRDF(eqx.Module):
     # What wraps another BRDF (a factor) answers for itself: nobody takes it apart.
 
     @property
-    def core(self) -> AbstractBRDF:
+    def core(self) -> Any:
         """The lobe that is integrated: this BRDF, or what is inside where a factor is around it."""
         return self
 
@@ -80,6 +80,11 @@ class AbstractBRDF(eqx.Module):
     def monotone(self) -> bool:
         """True where no incidence reflects more than the normal one, by theorem."""
         return False
+
+
+def core_of(brdf: Any) -> Any:
+    """What is integrated of a BRDF: the lobe inside its factors, or the function as it is."""
+    return brdf.core if isinstance(brdf, AbstractBRDF) else brdf
 
 
 class AbstractZonalLobe(AbstractBRDF):

@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, as_parameter
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, as_parameter, core_of
 from brdfcheck.messages import UsageError
 
 _TINY = 1e-18
@@ -159,7 +159,7 @@ class Normalized(AbstractBRDF):
         return self.factor(self.lobe.n)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
-    def core(self) -> AbstractBRDF:
+    def core(self) -> Any:
         return self.lobe.core
 
     def gain(self, cos_theta: Any) -> Any:
@@ -186,7 +186,7 @@ class PerCosine(AbstractBRDF):
     base: AbstractBRDF
 
     @property
-    def core(self) -> AbstractBRDF:
+    def core(self) -> Any:
         return self.base.core
 
     def gain(self, cos_theta: Any) -> Any:
@@ -202,14 +202,6 @@ class PerCosine(AbstractBRDF):
         return value / (cosine if value.ndim == cosine.ndim else cosine[..., None])
 
 
-def peel(brdf: Any) -> tuple[Any, Callable[[Any], Any]]:
-    """The lobe inside its wrappers, and what its albedo is multiplied by as a function of cos theta.
-
-    Also for a batch of BRDFs whose leaves are numpy arrays: then the cosines are an array of the same shape.
-    """
-    return (brdf.core, brdf.gain) if isinstance(brdf, AbstractBRDF) else (brdf, lambda mu: 1.0)
-
-
 def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
     """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
     return isinstance(brdf, AbstractBRDF) and isinstance(brdf.core, (AbstractZonalLobe, AbstractMicrofacetLobe))
@@ -217,7 +209,7 @@ def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
 
 def refuse_batched(brdf: Any) -> None:
     """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
-    core = brdf.core if isinstance(brdf, AbstractBRDF) else brdf
+    core = core_of(brdf)
     factor = getattr(brdf, "factor", None)
     numbers = [getattr(core, "n", None), getattr(core, "alpha", None), getattr(factor, "A", None), getattr(factor, "B", None)]
     shapes = [number.shape for number in numbers if number is not None and getattr(number, "ndim", 0)]

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import Constant, Normalized, peel
+from brdfcheck.brdf.factors import Constant, Normalized
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
@@ -82,7 +82,7 @@ def _integrated(scene: Scene) -> list[Term]:
     if not any(isinstance(light, Environment) for light in scene.picture.lights) or not isinstance(material, Surface):
         return []
     glossy = [term for term in material.terms if not term.matt]
-    simple = all(term.fresnel == "none" and isinstance(peel(term.brdf)[0], AbstractZonalLobe) for term in glossy)
+    simple = all(term.fresnel == "none" and isinstance(term.brdf.core, AbstractZonalLobe) for term in glossy)
     return glossy if simple else []
 
 
@@ -96,7 +96,7 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
             f"{lobe}, {factor}" for lobe in LOBES if lobe != "power" for factor in _FACTORS
             if lobe in _FITTED or factor != _FACTORS[1]
         ]  # fmt: skip
-        constants = [f"power, {_FACTORS[1]}"] * all(peel(term.brdf)[0].form == "half" for term in _power_terms(material))
+        constants = [f"power, {_FACTORS[1]}"] * all(term.brdf.core.form == "half" for term in _power_terms(material))
         found.append(Knob("lobe", "lobe and factor", (*names, *constants, f"power, {_FACTORS[2]}")))
     elif isinstance(material, Highlight | Translucent):
         found.append(Knob("lobe", "lobe", tuple(LOBES)))
@@ -218,7 +218,7 @@ def _term(term: Term, choice: Choice) -> Term:
     # Never a dearer one than the scene's own.
     fresnel = min(term.fresnel, fresnel, key=_FRESNELS.index)
     lobe, _, factor = choice.get("lobe", f"power, {_FACTORS[2]}").partition(", ")
-    core = peel(term.brdf)[0]
+    core = term.brdf.core
     if _is_facets(term) and choice.get("metal") == "power of N.H":
         # The power with the curvature of Beckmann's distribution at its centre.
         exponent = jnp.maximum(2 / (core.m * core.m) - 2, 0.01)
@@ -242,7 +242,7 @@ def _term(term: Term, choice: Choice) -> Term:
 
 def _again(term: Term, fresnel: str) -> Term:
     """The same term with another Fresnel factor; by name where it has one, so that its family's check counts."""
-    core = peel(term.brdf)[0]
+    core = term.brdf.core
     names = catalog.entry(term.name).family.ranges if term.name else {}
     if term.name and all(hasattr(core, name) for name in names):
         return Term(term.name, term.tint, fresnel=fresnel, **{name: getattr(core, name) for name in names})

@@ -20,7 +20,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from brdfcheck.brdf.base import AbstractZonalLobe
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.budgets.knobs import Plan, plain
 from brdfcheck.budgets.scenes import Room, Scene
@@ -227,7 +226,7 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
     """What a surface reflects of a uniform surrounding: the albedos of its terms, by a rule in one dimension."""
     total = jnp.zeros((3,) + (1,) * cosine.ndim, cosine.dtype)
     for term in material.terms:
-        core, scale = peel(term.brdf)
+        core = term.brdf.core
         if isinstance(core, Lambert):
             total = total + spread(light.intensity * term.albedo().astype(cosine.dtype), cosine.ndim)
         elif isinstance(core, AbstractZonalLobe):
@@ -240,7 +239,7 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
 
             flat = jnp.clip(cosine, 0, 1).reshape(-1)
             value = jax.lax.map(albedo, flat, batch_size=min(_BLOCK, flat.size)).reshape(cosine.shape)
-            factor = jnp.asarray(scale(jnp.ones((), cosine.dtype)), cosine.dtype)
+            factor = jnp.asarray(term.brdf.gain(jnp.ones((), cosine.dtype)), cosine.dtype)
             total = total + spread(light.intensity * term.tint, cosine.ndim) * (factor * value)
     return total
 

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine, peel
+from brdfcheck.brdf.base import core_of
+from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
@@ -73,7 +74,7 @@ class Sampler:
         self.rtol = rtol
         self.factor = _constant_factor(first, last)
         self.factored = isinstance(_under_cosine(first), Normalized)
-        self.form = getattr(peel(first)[0], "form", None) if self.albedo.fast else None
+        self.form = getattr(core_of(first), "form", None) if self.albedo.fast else None
 
     def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values and errors on the grid of two axes, shape (parameter, mu)."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf import catalog, factors
-from brdfcheck.brdf.factors import Normalized, peel
+from brdfcheck.brdf.factors import Normalized
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.fits.raw import RawAlbedo
@@ -239,7 +239,7 @@ def _scale_of(family: Family) -> Callable[[float], float]:
         member = member.base
     if not isinstance(member, Normalized):
         raise ValueError(f"{family.name} has no factor: it is not a lobe times a function of its exponent")
-    return lambda value: float(np.asarray(peel(build(value))[1](1.0)))
+    return lambda value: float(np.asarray(build(value).gain(1.0)))
 
 
 def _curve(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import Any
 
+from brdfcheck.brdf.base import core_of
 from brdfcheck.quadrature.closed_form import ClosedForm
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.half_vector import HalfVector
 from brdfcheck.quadrature.product import GaussProduct, MidpointProduct
-from brdfcheck.quadrature.rule import AbstractEngine, RuleKind, core_of
+from brdfcheck.quadrature.rule import AbstractEngine, RuleKind
 from brdfcheck.quadrature.sampling import CosineMonteCarlo, LobeMonteCarlo, R2Lattice, Sobol, UniformMonteCarlo
 from brdfcheck.quadrature.warped import LobeWarpedGauss, TanhSinh
 from brdfcheck.quadrature.zonal import Zonal

@@ -20,7 +20,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.base import AbstractBRDF, core_of
 from brdfcheck.geometry import safe_root
 
 # Directions evaluated together; bounds the memory of fine settings.
@@ -320,11 +320,6 @@ def bar(fine: Any, coarse: Any, more: Any = 0.0, *, caution: float = 1, xp: Any 
     """
     error = caution * (xp.abs(fine - coarse) + ROUNDING * float(xp.finfo(fine.dtype).eps) * xp.abs(fine)) + more
     return xp.where(xp.isfinite(error), error, xp.inf)
-
-
-def core_of(brdf: Any) -> Any:
-    """What is integrated of a BRDF: the lobe inside its factors, or the function as it is."""
-    return brdf.core if isinstance(brdf, AbstractBRDF) else brdf
 
 
 def _called(brdf: Any) -> str:

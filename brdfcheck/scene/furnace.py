@@ -18,7 +18,6 @@ from jaxtyping import Array, Float
 
 from brdfcheck import geometry
 from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe
-from brdfcheck.brdf.factors import peel
 from brdfcheck.geometry import safe_root
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
@@ -49,7 +48,7 @@ def directional_albedo(
     direction, and `turn` is the cosine and sine of the azimuth of wo, by default 0.
     """
     brdf = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
-    core = peel(brdf)[0]
+    core = brdf.core
     if not hasattr(core, "breaks"):
         return _of_any(brdf, cosine, fresnel, tint, turn)
     facets = isinstance(core, AbstractMicrofacetLobe)

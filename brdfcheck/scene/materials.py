@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import name_of
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.brdf.readers.python import is_file_spec
 from brdfcheck.runtime import double_precision
@@ -81,17 +80,17 @@ class Term(eqx.Module):
         what = self.name or name_of(brdf)
         self.brdf = jax.tree.map(lambda leaf: checked(leaf, f"a parameter of {what}", -np.inf), brdf)
         for slope in ("m", "alpha"):
-            if hasattr(core := peel(self.brdf)[0], slope):
+            if hasattr(core := self.brdf.core, slope):
                 checked(getattr(core, slope), f"{what}: {slope}", _SMOOTHEST)
 
     @property
     def matt(self) -> bool:
         """True for a perfectly diffuse term, which reflects light from anywhere by the same share."""
-        return isinstance(peel(self.brdf)[0], Lambert) and self.fresnel == "none"
+        return isinstance(self.brdf.core, Lambert) and self.fresnel == "none"
 
     def albedo(self) -> Float[Array, "..."]:
         """The albedo of a matt term, shape (3,)."""
-        return self.tint * (np.pi * peel(self.brdf)[0].amplitude())
+        return self.tint * (np.pi * self.brdf.core.amplitude())
 
 
 class NotConserving(ValueError):
@@ -150,7 +149,7 @@ class Surface(AbstractMaterial):
                         field = light.irradiance(place.point, place.normal) / np.pi
                     total = total + spread(light.intensity * term.albedo().astype(total.dtype), dimensions) * field
                 elif isinstance(light, Environment):
-                    turn = None if hasattr(peel(term.brdf)[0], "breaks") else place.turn
+                    turn = None if hasattr(term.brdf.core, "breaks") else place.turn
                     seen = place.seen if turn is None else jnp.broadcast_to(place.seen, place.shape)
                     value = directional_albedo(term.brdf, seen, term.fresnel, term.tint, turn)
                     tint = term.tint if term.fresnel == "none" else jnp.ones_like(term.tint)
@@ -158,7 +157,7 @@ class Surface(AbstractMaterial):
                 elif not isinstance(light, Ambient) and not (isinstance(light, Polygon) and light.matt_only):
                     raise ValueError(
                         f"lights[{number}]: a {type(light).__name__} light has a closed form on matt terms only; this surface"
-                        f" has {type(peel(term.brdf)[0]).__name__}: a light that is matt_only reaches the matt terms alone"
+                        f" has {type(term.brdf.core).__name__}: a light that is matt_only reaches the matt terms alone"
                     )
         return total
 
@@ -224,7 +223,7 @@ def _refuse_excess(terms: tuple[Term, ...]) -> None:
 
 def _bound(term: Term) -> np.ndarray:
     tint = np.asarray(term.tint, float)
-    return tint * np.pi * np.asarray(peel(term.brdf)[0].amplitude(), float) if term.matt else tint
+    return tint * np.pi * np.asarray(term.brdf.core.amplitude(), float) if term.matt else tint
 
 
 def _sum_report(terms: tuple[Term, ...], channel: int) -> Report:

@@ -17,7 +17,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import fresnel_dielectric, fresnel_schlick
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
@@ -111,7 +110,7 @@ def reflected(brdf: AbstractBRDF, meeting: Meeting) -> Float[Array, "..."]:
 
     Lobes that say what they are made of are computed from the angles of the meeting, any other BRDF from its directions.
     """
-    core, scale = peel(brdf)
+    core = brdf.core
     if hasattr(core, "facet_kernel"):
         value = _facets(core, meeting)
     elif hasattr(core, "profile"):
@@ -119,7 +118,7 @@ def reflected(brdf: AbstractBRDF, meeting: Meeting) -> Float[Array, "..."]:
     else:
         value = _any(core, meeting)
     cosine = jnp.where(meeting.cos_light > 0, meeting.cos_light, 1)  # some published forms divide by it
-    return scale(cosine) * value
+    return brdf.gain(cosine) * value
 
 
 def _facets(core: AbstractMicrofacetLobe, meeting: Meeting) -> Array:

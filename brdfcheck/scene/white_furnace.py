@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import Constant, Normalized, PerCosine, peel
+from brdfcheck.brdf.factors import Constant, Normalized, PerCosine
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene.cameras import checked_size
 from brdfcheck.scene.canvas import Canvas, Image, averaged, color_scale, colored, stacked
@@ -68,9 +68,8 @@ def _alike(brdf: Any) -> Any:
     """The BRDF in single precision with its factor as a number: lobes of one kind are then one compiled program."""
     if isinstance(brdf, PerCosine):
         return PerCosine(_alike(brdf.base))
-    core, scale = peel(brdf)
-    if hasattr(core, "n"):
-        brdf = Normalized(core, Constant(scale(1.0)))
+    if hasattr(brdf.core, "n"):
+        brdf = Normalized(brdf.core, Constant(brdf.gain(1.0)))
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), brdf)
 
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.factors import has_engine, peel
+from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.python import is_file_spec, split_spec
 from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
@@ -86,7 +86,7 @@ def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tupl
             template = eqx.filter_eval_shape(build, **shapes)
         except Exception:  # the factory needs numbers, not tracers
             template = None
-    return Subject(build, peel(template)[0] if has_engine(template) else None)
+    return Subject(build, template.core if has_engine(template) else None)
 
 
 def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> Family:

@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.factors import peel
+from brdfcheck.brdf.base import AbstractBRDF, core_of
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.transport.angular import angular_operator
@@ -272,7 +271,7 @@ def _scatter(brdf: Any, direction: Array, normal: Array, u: Array, sampling: str
 
 def _leave(brdf: Any, mu: Array, u: Array, sampling: str) -> tuple[Array, Array]:
     """A direction in the frame where the light is at azimuth 0, and f (N.wo) / p, for one ray."""
-    core, _ = peel(brdf)
+    core = brdf.core
     about_normal = _cosine(u[None, 1:3])[0]
     wi = jnp.stack([jnp.sqrt((1 - mu) * (1 + mu)), jnp.zeros_like(mu), mu])
     if sampling == "cosine" or isinstance(core, Lambert):  # a diffuse wall's lobe is the cosine itself
@@ -309,7 +308,7 @@ def _checked(enclosure: Any, key: Any, sampling: str) -> None:
 
 def _of_type(brdf: Any, dtype: Any) -> Any:
     """The BRDF in the precision of the enclosure. TypeError where its directions cannot be drawn."""
-    core = peel(brdf)[0] if isinstance(brdf, AbstractBRDF) else brdf
+    core = core_of(brdf)
     if not has_axis(core):
         raise TypeError(f"paths need a lobe about an axis or one made of facets; got {type(core).__name__}")
     up = jnp.asarray([0.0, 0.0, 1.0])

@@ -18,7 +18,6 @@ import numpy as np
 from _instruments import timing
 from _instruments.peers import metal_table
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BlinnPhong, Phong
 from brdfcheck.brdf.microfacet import CookTorrance
 from brdfcheck.cores import available_cores, on_one_core
@@ -66,7 +65,7 @@ def _path(path: str, job: Callable[[], Any], cells: int, evaluations: float, uni
 
 def _evaluations(family: Any, n: np.ndarray, dtype: Any) -> int:
     """How often a column of a table with shared nodes evaluates the profile, error estimate included; n >= 1, rising."""
-    plan = tables._plan(peel(tables._structure(family, np.dtype(dtype)))[0])
+    plan = tables._plan(tables._structure(family, np.dtype(dtype)).core)
     assert plan is not None
     total = 0
     for part in np.split(n, tables._blocks(n, plan)):

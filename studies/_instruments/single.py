@@ -11,7 +11,6 @@ import numpy as np
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.factors import peel
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.quadrature import albedo as directional
 
@@ -25,7 +24,7 @@ def distinct() -> list[str]:
     found: dict[Any, str] = {}
     for entry in catalog.entries():
         values = {name: (low + high) / 2 for name, (low, high) in entry.family.ranges.items()}
-        core = peel(entry.family.build(**values))[0]
+        core = entry.family.build(**values).core
         if getattr(core, "convention", "") != "published":  # Cook-Torrance as printed is four times the other
             found.setdefault(jax.tree.structure(core), entry.name)
     return list(found.values())
@@ -33,7 +32,7 @@ def distinct() -> list[str]:
 
 def both(brdf: AbstractBRDF) -> tuple[Any, Any]:
     """The lobe of a BRDF, without its factors, in float32, and in float64 with the same numbers."""
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), peel(brdf)[0])
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), brdf.core)
     return single, jax.tree.map(lambda leaf: leaf.astype(jnp.float64), single)
 
 
