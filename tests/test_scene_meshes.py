@@ -170,8 +170,8 @@ def test_small_and_needle_triangles_are_not_degenerate():
         (lambda: deformed(icosphere(0), lambda v: v * np.array([1, 1, 0.0])), "must have an area"),
         (lambda: vertex_normals(Mesh(GOOD, [[0, 1, 2], [0, 2, 1]])), "vertex 0 cancel"),
         (lambda: failures.interpolated_contrast(zigzag(rows=1)), "border"),
-        (lambda: failures.facet_contrast(zigzag(), (0, 0, 0)), "light must be three finite numbers"),
-        (lambda: failures.silhouette_bleed(icosphere(0), (np.inf, 0, 0)), "towards_eye must be"),
+        (lambda: failures.mach_bands(icosphere(0), light=(0, 0, 0)), "the direction must not have length 0"),
+        (lambda: failures.silhouette_bleed(icosphere(0), (np.inf, 0, 0)), "the direction must be"),
         (lambda: failures.mach_bands(icosphere(0), "smooth"), "shading must be one of flat"),
     ],
 )
@@ -268,7 +268,6 @@ def test_the_zigzag_loses_its_folds_and_the_corrugation_keeps_its_waves():
     assert failures.facet_contrast(zigzag()) == pytest.approx(2 * np.sin(np.radians(25)) * np.sin(np.arctan(0.9)), rel=1e-13)
     assert round(float(failures.facet_contrast(zigzag())), 3) == 0.565
     assert failures.interpolated_contrast(zigzag()) == pytest.approx(0, abs=1e-15)
-    assert failures.interpolated_contrast(zigzag(), weighting="area") == pytest.approx(0, abs=1e-15)
     # At the ends of the folds too, where a vertex has fewer faces on one side if all diagonals run alike.
     folds = zigzag(3, rows=1)
     inner = np.abs(np.asarray(folds.vertices)[:, 0]) < 0.9
@@ -277,9 +276,6 @@ def test_the_zigzag_loses_its_folds_and_the_corrugation_keeps_its_waves():
     wave = corrugated()
     assert failures.facet_contrast(wave) > 0.55
     assert failures.interpolated_contrast(wave) > 0.55
-    assert failures.facet_contrast(icosphere(1), (0, 0, 2)) == pytest.approx(
-        float(np.asarray(face_normals(icosphere(1)))[:, 2].max())
-    )
 
 
 @pytest.mark.slow

@@ -252,14 +252,14 @@ class Beside:
     quartiles: tuple[float, float, float]
 
 
-def beside(program: Program, full: Program, longest: float = _LONGEST) -> Beside:
-    """Time a program beside the full model's, in turns, now one first and now the other, for about `longest` seconds.
+def beside(program: Program, full: Program) -> Beside:
+    """Time a program beside the full model's, in turns, now one first and now the other, for about a second.
 
     A ratio is that of two times a moment apart: what else the machine does falls upon both alike.
     """
     pair = (program, full)
     pace = sum(sum(one.seconds() for one in pair) for _ in range(2)) / 2
-    rounds = int(np.clip(longest / pace, _FEWEST, _MOST))
+    rounds = int(np.clip(_LONGEST / pace, _FEWEST, _MOST))
     table = np.empty((rounds, 2))
     for r in range(rounds):
         for place in (0, 1) if r % 2 else (1, 0):

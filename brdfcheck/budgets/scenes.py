@@ -42,8 +42,8 @@ OWN = ("output", "matters", "room")
 _MOST_PIXELS = 2**24
 
 
-def tolerance_of(value: Any, name: str = "tolerance") -> float:
-    """A number in [0, 1] or a fraction of full scale as a text, "0.5/255". ValueError, with `name`, for anything else."""
+def tolerance_of(value: Any) -> float:
+    """A number in [0, 1] or a fraction of full scale as a text, "0.5/255". ValueError for anything else."""
     parts = value.split("/") if isinstance(value, str) else [value]
     try:
         if any(isinstance(part, bool) for part in parts):
@@ -54,7 +54,7 @@ def tolerance_of(value: Any, name: str = "tolerance") -> float:
     except (ValueError, TypeError, ZeroDivisionError):
         good, result = False, 0.0
     if not good:
-        raise ValueError(f'{name} must be a number from 0 to 1 or a fraction, as in "0.5/255"; got {shown(value)}')
+        raise ValueError(f'tolerance must be a number from 0 to 1 or a fraction, as in "0.5/255"; got {shown(value)}')
     return result
 
 

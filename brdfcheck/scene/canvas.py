@@ -53,10 +53,10 @@ class Canvas:
         images = render_shadings(mesh, camera, material, lights, shadings, size=self.size, **options)
         return [self.mean(image) for image in images]
 
-    def checks(self, squares: int = 8, low: float = 0.15, high: float = 0.75) -> np.ndarray:
+    def checks(self) -> np.ndarray:
         """A chequered background at the size at which is rendered."""
-        square = np.arange(self.size[0]) * squares // self.size[0]
-        board = np.where((square[:, None] + square) % 2, high, low).astype(np.float32)
+        square = np.arange(self.size[0]) * 8 // self.size[0]
+        board = np.where((square[:, None] + square) % 2, 0.75, 0.15).astype(np.float32)
         return np.broadcast_to(board, (3, *board.shape))
 
 

@@ -14,9 +14,10 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import as_parameter
 from brdfcheck.scene.cameras import Orthographic
-from brdfcheck.scene.meshes import Mesh, Weighting, border, face_normals, vertex_normals
+from brdfcheck.scene.meshes import Mesh, border, face_normals, vertex_normals
 from brdfcheck.scene.raster import interpolated, rasterise, scan_line_weights
 from brdfcheck.scene.smooth import SHADINGS
+from brdfcheck.scene.vectors import unit, vector_of
 
 # 2 sin(25 deg) sin(atan .9) = .5654: the contrast of the default zigzag by facets.
 _TILTED = (float(np.sin(np.radians(25))), 0.0, float(np.cos(np.radians(25))))
@@ -24,12 +25,8 @@ _TILTED = (float(np.sin(np.radians(25))), 0.0, float(np.cos(np.radians(25))))
 _EDGE_ON = 1e-5
 
 
-def _unit(vector: object, name: str, dtype: Any) -> Array:
-    array = as_parameter(vector).astype(dtype)
-    length = float(jnp.linalg.norm(array)) if array.shape == (3,) else 0.0
-    if not (np.isfinite(length) and length > 0):
-        raise ValueError(f"{name} must be three finite numbers, not all 0; got {vector}")
-    return array / length
+def _unit(vector: Any, dtype: Any) -> Array:
+    return jnp.stack(unit(vector_of(vector, "the direction").astype(dtype)))
 
 
 @eqx.filter_jit
@@ -50,16 +47,16 @@ def lost_highlight(mesh: Mesh, n: object) -> Float[Array, "..."]:
     return jnp.exp(as_parameter(n).astype(nearest.dtype) * jnp.log(jnp.min(nearest)))
 
 
-def silhouette_bleed(mesh: Mesh, towards_eye: object = (0.3, 0.2, 1.0), weighting: Weighting = "unit") -> Float[Array, ""]:
+def silhouette_bleed(mesh: Mesh, towards_eye: object = (0.3, 0.2, 1.0)) -> Float[Array, ""]:
     """The brightest vertex on a face that is seen, under a light straight behind the object: 0 on any exact closed surface.
 
     Faces on the silhouette have vertices behind it, whose colour interpolation (of colours and of normals) brings into
     sight. Parallel projection along `towards_eye`; an icosphere seen along an axis has edges all along its silhouette, and
     no bleed.
     """
-    view = _unit(towards_eye, "towards_eye", mesh.vertices.dtype)
+    view = _unit(towards_eye, mesh.vertices.dtype)
     seen = face_normals(mesh) @ view > _EDGE_ON
-    lit = jnp.maximum(-(vertex_normals(mesh, weighting) @ view), 0)
+    lit = jnp.maximum(-(vertex_normals(mesh) @ view), 0)
     return jnp.max(jnp.where(seen[:, None], lit[mesh.faces], 0))
 
 
@@ -92,7 +89,7 @@ def mach_bands(
     """
     if shading not in SHADINGS:
         raise ValueError(f"shading must be one of {', '.join(SHADINGS)}; got {shading!r}")
-    towards = _unit(light, "light", mesh.vertices.dtype)
+    towards = _unit(light, mesh.vertices.dtype)
     reach = 0.9
     camera = Orthographic((0.0, height, 5.0), (0.0, height, 0.0), half_height=reach / samples)
     values, face = (np.asarray(part) for part in _line(mesh, camera, towards, samples))
@@ -118,13 +115,13 @@ def _line(mesh: Mesh, camera: Orthographic, towards: Array, samples: int) -> tup
     return jnp.stack([image[0, 0] for image in images]).astype(float), fragments.face[0]
 
 
-def facet_contrast(mesh: Mesh, light: object = _TILTED) -> Float[Array, ""]:
+def facet_contrast(mesh: Mesh) -> Float[Array, ""]:
     """Brightest minus darkest facet, N.L of the facets' own normals: what an unsmoothed sheet shows of its folds."""
-    lit = jnp.maximum(face_normals(mesh) @ _unit(light, "light", mesh.vertices.dtype), 0)
+    lit = jnp.maximum(face_normals(mesh) @ _unit(_TILTED, mesh.vertices.dtype), 0)
     return jnp.max(lit) - jnp.min(lit)
 
 
-def interpolated_contrast(mesh: Mesh, light: object = _TILTED, weighting: Weighting = "unit") -> Float[Array, ""]:
+def interpolated_contrast(mesh: Mesh) -> Float[Array, ""]:
     """Brightest minus darkest vertex inside the sheet, N.L of averaged normals; 0 where all of these are parallel.
 
     Vertices on the border average the faces of one side only and are left out. ValueError where there are no others.
@@ -132,7 +129,7 @@ def interpolated_contrast(mesh: Mesh, light: object = _TILTED, weighting: Weight
     inner = np.setdiff1d(np.arange(len(mesh.vertices)), border(mesh))
     if not inner.size:
         raise ValueError("every vertex of the mesh lies on its border: there is nothing to compare; use more rows")
-    lit = jnp.maximum(vertex_normals(mesh, weighting)[inner] @ _unit(light, "light", mesh.vertices.dtype), 0)
+    lit = jnp.maximum(vertex_normals(mesh)[inner] @ _unit(_TILTED, mesh.vertices.dtype), 0)
     return jnp.max(lit) - jnp.min(lit)
 
 

@@ -18,7 +18,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from brdfcheck.messages import one_line
-from brdfcheck.scene.vectors import checked, scalar, unit
+from brdfcheck.scene.vectors import checked, integer, scalar, unit
 
 Weighting = Literal["unit", "area"]
 
@@ -115,12 +115,6 @@ def deformed(mesh: Mesh, move: Callable[[Array], Any]) -> Mesh:
     return Mesh(move(mesh.vertices), mesh.faces)
 
 
-def _integer(value: int, name: str, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
-        raise ValueError(f"{name} must be an integer from {least} to {most}; got {value!r}")
-    return int(value)
-
-
 def _positive(value: Any, name: str) -> float:
     scalar(value, name, above=True)
     return float(value)
@@ -137,7 +131,7 @@ def icosphere(level: int = 2, dtype: Any = None) -> Mesh:
     """
     import trimesh  # here and below: takes half a second, and most scenes have no mesh
 
-    made = trimesh.creation.icosphere(_integer(level, "level", 0, 8))
+    made = trimesh.creation.icosphere(integer(level, "level", 0, 8))
     return _mesh(made.vertices, made.faces, dtype)
 
 
@@ -148,11 +142,11 @@ def latitude_longitude_sphere(rows: int, columns: int, dtype: Any = None) -> Mes
     """
     import trimesh
 
-    polar = np.linspace(0, np.pi, _integer(rows, "rows", 2, 4096) + 1)
+    polar = np.linspace(0, np.pi, integer(rows, "rows", 2, 4096) + 1)
     outline = np.stack([np.sin(polar), -np.cos(polar)], axis=1)
     outline[-1, 0] = 0  # sin(pi) is not
     # Large, because triangles below an area of 1e-8 are left out: at the poles those that are none, and no others.
-    made = trimesh.creation.revolve(1e4 * outline, sections=_integer(columns, "columns", 3, 4096))
+    made = trimesh.creation.revolve(1e4 * outline, sections=integer(columns, "columns", 3, 4096))
     return _mesh(made.vertices / 1e4, made.faces, dtype)
 
 
@@ -205,7 +199,7 @@ def zigzag(waves: int = 8, slope: float = 0.9, rows: int = 8, dtype: Any = None)
     Its inner vertex normals are all parallel to z: interpolation shows nothing of the folds. ValueError unless `waves` and
     `rows` are integers >= 1 and the slope is > 0.
     """
-    waves, rows = _integer(waves, "waves", 1, 4096), _integer(rows, "rows", 1, 4096)
+    waves, rows = integer(waves, "waves", 1, 4096), integer(rows, "rows", 1, 4096)
     x = np.linspace(-1, 1, 2 * waves + 1)
     return _sheet(x, _positive(slope, "slope") / waves * (np.arange(2 * waves + 1) % 2), rows, dtype)
 
@@ -216,6 +210,6 @@ def corrugated(waves: int = 8, slope: float = 0.9, segments: int = 8, rows: int 
     With 4 facets to a wave and more, vertex normals on the flanks differ and interpolation keeps the waves. ValueError unless
     `waves` and `rows` are integers >= 1, `segments` is one >= 3 and the slope is > 0.
     """
-    waves, rows = _integer(waves, "waves", 1, 4096), _integer(rows, "rows", 1, 4096)
-    x = np.linspace(-1, 1, waves * _integer(segments, "segments", 3, 4096) + 1)
+    waves, rows = integer(waves, "waves", 1, 4096), integer(rows, "rows", 1, 4096)
+    x = np.linspace(-1, 1, waves * integer(segments, "segments", 3, 4096) + 1)
     return _sheet(x, _positive(slope, "slope") / (np.pi * waves) * np.sin(np.pi * waves * (x + 1)), rows, dtype)

@@ -39,11 +39,11 @@ def worst_facet(mesh: meshes.Mesh) -> Float[np.ndarray, " 3"]:
     return normals[np.argmin((normals @ np.asarray(mesh.vertices, float).T).max(axis=1))]
 
 
-def towards_facet(mesh: meshes.Mesh, degrees: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors to the eye and to a light, `degrees` to either side of the worst facet: its normal is their half vector."""
+def towards_facet(mesh: meshes.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors to the eye and to a light, 20 degrees to either side of the worst facet: its normal is their half vector."""
     axis = worst_facet(mesh)
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    side *= np.tan(np.radians(degrees)) / np.linalg.norm(side)
+    side *= np.tan(np.radians(20)) / np.linalg.norm(side)
     return tuple((axis + sign * side) / np.linalg.norm(axis + side) for sign in (1, -1))  # pyright: ignore[reportReturnType]
 
 

@@ -41,12 +41,16 @@ def sphere_image(
     center = verified(center, "center", -np.inf, shapes=[(3,)], what="three components, x, y and z")
     radius = verified(radius, "radius", above=True, shapes=[()], what="one number")
     background = backdrop_of(background, size)
-    eye = _USUAL_EYE if camera is None else camera.eye
+    refuse_inside(_USUAL_EYE if camera is None else camera.eye, center, radius, "the sphere")
+    return _image(material, tuple(lights), camera, (center, radius, background), size, jnp.dtype(dtype))
+
+
+def refuse_inside(eye: Any, center: Any, radius: Any, what: str) -> None:
+    """ValueError where the eye is inside a sphere."""
     if not any(isinstance(part, Tracer) for part in (center, radius, eye)):
         distance = float(np.linalg.norm(np.asarray(eye, float) - np.asarray(center, float)))
         if not distance > float(radius):
-            raise ValueError(f"the camera is inside the sphere: {distance:.4g} from its center, radius {float(radius):.4g}")
-    return _image(material, tuple(lights), camera, (center, radius, background), size, jnp.dtype(dtype))
+            raise ValueError(f"the camera is inside {what}: {distance:.4g} from its center, radius {float(radius):.4g}")
 
 
 def seen_sphere(

@@ -28,8 +28,8 @@ from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
 from brdfcheck.scene.materials import Translucent
 from brdfcheck.scene.shading import AbstractMaterial, shade
-from brdfcheck.scene.sphere import sphere_image
-from brdfcheck.scene.vectors import Vector, color_of, scalar, unit, vector_of
+from brdfcheck.scene.sphere import refuse_inside, sphere_image
+from brdfcheck.scene.vectors import Vector, color_of, integer, scalar, unit, vector_of
 
 # Pixels that walk through the tree together: few enough that a block of sky ends at once, enough to keep the loops wide.
 _BLOCK = 8192
@@ -391,16 +391,11 @@ def trace(
         raise TypeError(f"a scene is made of Sphere and Plane; got {', '.join(type(b).__name__ for b in bodies) or 'nothing'}")
     if not all(isinstance(light, AbstractLight) for light in lights):
         raise TypeError(f"lights are those of brdfcheck.scene.lights; got {', '.join(type(x).__name__ for x in lights)}")
-    if isinstance(depth, bool) or not isinstance(depth, (int, np.integer)) or not 0 <= depth <= _DEEPEST:
-        raise ValueError(f"depth must be an integer from 0 to {_DEEPEST}; got {depth!r}")
+    depth = integer(depth, "depth", 0, _DEEPEST)
     for number, body in enumerate(bodies):
-        if isinstance(body, Sphere) and not any(isinstance(part, Tracer) for part in (body.center, body.radius, camera.eye)):
-            distance = float(np.linalg.norm(np.asarray(camera.eye, float) - np.asarray(body.center, float)))
-            if not distance > float(body.radius):
-                raise ValueError(
-                    f"the camera is inside sphere {number}: {distance:.4g} from its center, radius {float(body.radius):.4g}"
-                )
-    static = (checked_size(size), int(depth), bool(shadows), jnp.dtype(dtype), _BLOCK)
+        if isinstance(body, Sphere):
+            refuse_inside(camera.eye, body.center, body.radius, f"sphere {number}")
+    static = (checked_size(size), depth, bool(shadows), jnp.dtype(dtype), _BLOCK)
     share = scalar(least_weight, "least_weight")
     return _trace(tuple(bodies), tuple(lights), camera, color_of(background, "background")[:, None], share, static)
 

@@ -172,6 +172,13 @@ def scalar(value: Any, name: str, low: float = 0.0, high: float = np.inf, *, abo
     return checked(value, name, low, high, above=above, shapes=[()], what="one number")
 
 
+def integer(value: Any, name: str, least: int, most: int) -> int:
+    """`value` as an int; ValueError where it is not a whole number from `least` to `most`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
+        raise ValueError(f"{name} must be an integer from {least} to {most}; got {value!r}")
+    return int(value)
+
+
 def color_of(value: Any, name: str, high: float = np.inf) -> Float[Array, " 3"]:
     """`checked`, a number or RGB as shape (3,), linear, from 0 to `high`."""
     array = checked(value, name, 0.0, high, shapes=[(), (3,)], what="a number or three, R, G and B")

@@ -32,7 +32,7 @@ from jaxtyping import Array, Float
 from brdfcheck import geometry
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.albedo import albedo
-from brdfcheck.transport.enclosures import checked_count
+from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.transport.solution import Radius, power_iteration
 
 Remainder = Literal["diffuse", "mirror"]

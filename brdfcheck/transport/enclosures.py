@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.transport.form_factors import (
     FormFactor,
     coaxial_disks,
@@ -372,13 +373,6 @@ def _refuse_leaks(sums: np.ndarray, areas: np.ndarray) -> None:
         f"the enclosure is open: of what leaves patch {worst}, {leak:.3g} escapes (row sum {sums[worst]:.6g}), of all light"
         f" {total:.3g}; add the missing wall"
     )
-
-
-def checked_count(value: Any, name: str, least: int = 1) -> int:
-    """`value` as an int; ValueError where it is not a whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} must be a whole number >= {least}; got {value!r}")
-    return int(value)
 
 
 def _size(value: Any, name: str) -> float:

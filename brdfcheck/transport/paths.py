@@ -19,8 +19,9 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf.base import AbstractBRDF, core_of
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
+from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.transport.angular import angular_operator
-from brdfcheck.transport.enclosures import Box, Sphere, checked_count
+from brdfcheck.transport.enclosures import Box, Sphere
 from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_at, standing
 
 Sampling = Literal["lobe", "cosine"]

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Array
 
 from brdfcheck.numerics import gauss
+from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.polygon import above_horizon
 from brdfcheck.scene.vectors import Vector
-from brdfcheck.transport.enclosures import Enclosure, checked_count, closed
+from brdfcheck.transport.enclosures import Enclosure, closed
 from brdfcheck.transport.form_factors import FormFactor
 
 # Pairs of patches further apart than so many radii need no graded nodes, and fewer.

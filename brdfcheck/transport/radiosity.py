@@ -11,10 +11,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import lineax
-import numpy as np
 from jaxtyping import Array
 
-from brdfcheck.transport.enclosures import AbstractEnclosure, checked_count
+from brdfcheck.quadrature.rule import checked_count, checked_tolerance
+from brdfcheck.transport.enclosures import AbstractEnclosure
 from brdfcheck.transport.solution import Problem, Radius, Solution, Status, bounded, judged, problem, radius_of, standing
 
 _STABILISE = 10
@@ -194,10 +194,3 @@ def finished(
 def refused(value: Array, code: Array) -> Array:
     """The value, or NaN where the status says that there is none."""
     return jnp.where(code == Status.SOLVED, value, jnp.nan)
-
-
-def checked_tolerance(tolerance: Any) -> float:
-    """`tolerance` as a float; ValueError where it is not between 0 and 1."""
-    if isinstance(tolerance, bool) or not isinstance(tolerance, (int, float, np.floating)) or not 0 < tolerance < 1:
-        raise ValueError(f"tolerance must be a number between 0 and 1; got {tolerance!r}")
-    return float(tolerance)

@@ -17,8 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
+from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.transport.angular import AngularOperator, angular_operator
-from brdfcheck.transport.enclosures import AbstractEnclosure, Box, Sphere, box, checked_count
+from brdfcheck.transport.enclosures import AbstractEnclosure, Box, Sphere, box
 from brdfcheck.transport.paths import trace
 from brdfcheck.transport.radiosity import direct, krylov, neumann_series, progressive, solve_directly
 from brdfcheck.transport.solution import Solution, problem
