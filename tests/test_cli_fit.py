@@ -81,7 +81,7 @@ def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
     assert result["factor"]["form"] == "Factor"
     assert result["fitted"]["B"] < result["factor"]["B"]
     assert [rung["form"] for rung in result["ladder"]][-1] == "closed form"
-    assert record["versions"]["lineax"]
+    assert record["versions"]["optimistix"]
 
 
 @pytest.mark.parametrize("kind", few(["glsl", "c", "csv", "npy", "exr"], ("glsl", "npy")))

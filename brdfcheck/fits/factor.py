@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Proportional, RationalFactor
 from brdfcheck.brdf.family import Family
@@ -150,18 +151,27 @@ def _samples(raw: RawAlbedo, sampling: Sampling, count: int) -> np.ndarray:
 
 
 def _least_squares(raw: RawAlbedo, n: np.ndarray, objective: Objective) -> Factor:
-    """The least squares of either objective, whose residuals are linear in 1/B and A/B."""
+    """The least squares of either objective."""
     albedo = raw(n)
     if not np.all(np.isfinite(albedo) & (albedo > 0)):
         raise ValueError(f"{raw.name}: the raw albedo must be finite and > 0 to be normalised")
     if n.size == 1:
         return _one_point(float(n[0]), float(albedo[0]))
-    # Both unknowns are linear: 1/B in units of the largest exponent, and A/B.
     scale = float(n[-1])
-    columns = np.stack([n / scale, np.ones_like(n)], axis=1)
-    weight = albedo if objective == "least-squares" else np.ones_like(n)
-    slope, offset = np.linalg.lstsq(columns * weight[:, None], weight / albedo, rcond=None)[0]
-    return _two_constants(raw, float(offset), float(slope) / scale)
+    # Both unknowns are of the order of 1/E(n) at the upper end.
+    size = 1 / albedo[-1]
+
+    def residual(unknowns: Any, _: Any) -> Any:
+        line = size * (unknowns[0] * jnp.asarray(n) / scale + unknowns[1])
+        return (
+            line * jnp.asarray(albedo) - 1 if objective == "least-squares" else line / size - 1 / (size * jnp.asarray(albedo))
+        )
+
+    # Linear, so a Gauss-Newton step with little damping ends it; the tolerance is on the scaled unknowns.
+    solver = optx.LevenbergMarquardt(rtol=1e-13, atol=1e-15)
+    solution = optx.least_squares(residual, solver, jnp.asarray([1.0, 0.0]), max_steps=400, throw=False)
+    slope, offset = (float(part) for part in solution.value)
+    return _two_constants(raw, offset * size, slope * size / scale)
 
 
 def _one_point(n: float, albedo: float) -> Factor:

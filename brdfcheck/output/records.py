@@ -101,7 +101,7 @@ def fit_object(fit: FactorFit) -> dict[str, Any]:
 def versions(*packages: str) -> dict[str, str]:
     """The versions that a result may depend on; `packages`: of other packages that took part in it."""
     found = {"brdfcheck": __version__, "python": platform.python_version()}
-    for package in dict.fromkeys(("jax", "jaxlib", "numpy", "scipy", "equinox", "lineax", *packages)):
+    for package in dict.fromkeys(("jax", "jaxlib", "numpy", "scipy", "equinox", "optimistix", "lineax", *packages)):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
