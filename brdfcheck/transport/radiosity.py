@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import lineax
 from jaxtyping import Array
 
-from brdfcheck.quadrature.rule import checked_count, checked_tolerance
+from brdfcheck.quadrature.rule import checked_accuracy, checked_count
 from brdfcheck.transport.enclosures import AbstractEnclosure
 from brdfcheck.transport.solution import Problem, Radius, Solution, Status, bounded, judged, problem, radius_of, standing
 
@@ -51,7 +51,7 @@ def krylov(
     outside (0, 1) or steps below 1. float32 reaches about 1e-6.
     """
     steps = jnp.asarray(checked_count(max_steps, "max_steps"))
-    return _krylov(problem(enclosure, emission, reflectance), jnp.asarray(checked_tolerance(tolerance)), steps)
+    return _krylov(problem(enclosure, emission, reflectance), jnp.asarray(checked_accuracy(tolerance, "tolerance")), steps)
 
 
 @jax.jit
@@ -96,7 +96,7 @@ def progressive(
     """
     posed = problem(enclosure, emission, reflectance)
     steps = _MOST_SHOTS * posed.areas.size if max_steps is None else checked_count(max_steps, "max_steps")
-    return _progressive(posed, jnp.asarray(checked_tolerance(tolerance)), jnp.asarray(steps))
+    return _progressive(posed, jnp.asarray(checked_accuracy(tolerance, "tolerance")), jnp.asarray(steps))
 
 
 @jax.jit
@@ -141,7 +141,7 @@ def neumann_series(
     ValueError for bad emissions and reflectances, counts below 1, or a tolerance outside (0, 1).
     """
     most = checked_count(max_terms, "max_terms") if terms is None else checked_count(terms, "terms")
-    aim = checked_tolerance(tolerance) if terms is None else 0.0
+    aim = checked_accuracy(tolerance, "tolerance") if terms is None else 0.0
     return _neumann(problem(enclosure, emission, reflectance), jnp.asarray(aim), jnp.asarray(most))
 
 
