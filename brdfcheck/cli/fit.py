@@ -167,7 +167,7 @@ def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tupl
 
 def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval]) -> Target:
     from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.readers.python import is_file_spec
+    from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import resolve
 
     if not is_file_spec(name):

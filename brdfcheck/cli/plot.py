@@ -295,7 +295,7 @@ def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output)
 
 
 def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
-    from brdfcheck.brdf.readers.python import is_file_spec
+    from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from brdfcheck.brdf.factors import has_engine, peel
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.readers.python import is_file_spec, split_spec
+from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
 from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.functions import Adaptive

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.glsl import analytic
 from brdfcheck.brdf.readers.glsl.dialect import GLSL, HLSL
 from brdfcheck.brdf.readers.glsl.errors import Position, mistake
@@ -21,7 +22,6 @@ from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
 from brdfcheck.brdf.readers.glsl.program import Program
 from brdfcheck.brdf.readers.glsl.roles import VEC3, allowed, find, roles_of
 from brdfcheck.brdf.readers.glsl.scopes import Routine
-from brdfcheck.brdf.readers.options import Reading
 from brdfcheck.runtime import double_precision
 
 _FRAME = {"N": (0.0, 0.0, 1.0), "X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0)}
@@ -73,7 +73,7 @@ class ShaderBRDF:
         return channels[0] if routine.result == FLOAT else jnp.stack(channels, axis=-1)
 
 
-class ShaderFile:
+class ShaderFile(AbstractFile):
     """A shader file that has been read and compiled. `names`, `required`, `whole`: of its parameters. Raises ShaderError.
 
     `function`: the one that is the BRDF, None where the file has to tell.
@@ -218,11 +218,3 @@ def _written(value: float, before: float) -> str:
     """A number as a macro: a whole one where the file has a whole one."""
     del before
     return repr(int(value)) if value == int(value) and abs(value) < 2**31 else repr(value)
-
-
-def load_shader(spec: str, path: str, name: str | None, reading: Reading) -> ShaderFile:
-    """The shader behind ``FILE`` or ``FILE:FUNCTION``. ShaderError where it is not one."""
-    del spec
-    if not path:
-        raise mistake(Position("", 0, 0), "give a file")
-    return ShaderFile(path, name, reading)
