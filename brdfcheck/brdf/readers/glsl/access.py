@@ -27,7 +27,7 @@ from brdfcheck.brdf.readers.glsl.kinds import (
     vector,
 )
 from brdfcheck.brdf.readers.glsl.machine import Machine
-from brdfcheck.brdf.readers.glsl.scopes import Typed, constant_of
+from brdfcheck.brdf.readers.glsl.scopes import Routine, Typed, constant_of
 
 _SWIZZLES = ("xyzw", "rgba", "stpq")
 # Up to this many elements, choosing one after the other beats a table.
@@ -39,6 +39,7 @@ class Accesses(Context):
 
     constants: dict[int, Any]
     used: set[int]
+    caller: Routine | None
 
     def combined(self, operator: str, left: Typed, right: Typed, at: int) -> Typed:
         """Two operands and what stands between them."""

@@ -21,7 +21,6 @@ class Calls(Constructors):
 
     routines: dict[str, list[Routine]]
     calls: dict[int, list[tuple[Routine, int]]]
-    caller: Routine | None
 
     def call(self, node: syntax.Call) -> Typed:
         """A call of a function or of a constructor, compiled."""

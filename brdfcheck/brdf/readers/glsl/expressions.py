@@ -73,13 +73,15 @@ class Expressions(Accesses):
 
     def _name(self, node: syntax.Name) -> Typed:
         variable = self.names.find(node.name)
-        if variable is None:
+        horizon = None if self.caller is None or self.dialect.spread else self.caller.horizon
+        late = horizon is not None and variable is self.names.variables[0].get(node.name)
+        if variable is None or (late and variable.slot > (horizon or 0)):
             if node.name.startswith("gl_"):
                 raise self.mistake(
                     node.at, f"{node.name} has no value here: a BRDF may depend only on directions and parameters"
                 )
-            known_names = self.names.all()
-            raise self.mistake(node.at, f"{node.name!r} is not defined{did_you_mean(node.name, known_names)}")
+            near = did_you_mean(node.name, set(self.names.all()) - {node.name})
+            raise self.mistake(node.at, f"{node.name!r} is not defined{near}")
         slot = variable.slot
         self.used.add(slot)
 

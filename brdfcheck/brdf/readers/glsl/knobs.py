@@ -23,7 +23,7 @@ class Knob:
     """A parameter. `key`: the slot of a uniform, or the place of an argument; `bounds`: its range where the file gives one.
 
     `default`: a number for each component where the file gives any; `plain`: what it is where nothing is said and a file
-    gives no range, as colours are white.
+    gives no range, as colours are white. `idle`: the BRDF does not depend on it.
     """
 
     name: str
@@ -33,6 +33,7 @@ class Knob:
     bounds: tuple[float, float] | None = None
     default: tuple[float, ...] | None = None
     plain: tuple[float, ...] | None = None
+    idle: bool = False
 
     @property
     def size(self) -> int:
@@ -86,7 +87,7 @@ def names_of(knobs: Iterable[Knob]) -> list[str]:
 
 def missing(knobs: Iterable[Knob]) -> list[str]:
     """The knobs that must be given."""
-    return [knob.name for knob in knobs if knob.bounds is None and knob.default is None and knob.plain is None]
+    return [knob.name for knob in knobs if (knob.bounds, knob.default, knob.plain) == (None,) * 3 and not knob.idle]
 
 
 def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter: Callable[..., str]) -> Settings:
@@ -103,6 +104,8 @@ def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter:
         start = knob.plain or knob.default
         if start is not None:
             held = list(start)
+        elif knob.idle:
+            held = [0.0] * knob.size
         settings.held[knob.name], settings.swept[knob.name] = held, swept
         whole = given.get(knob.name, knob.bounds)
         if knob.name in given and isinstance(knob.type, Vector) and len(tuple(given[knob.name])) == knob.size != 2:
@@ -118,7 +121,7 @@ def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter:
                 _settled(settings, knob, part, given[part], [i], spec)
         if any(number is None and name is None for number, name in zip(held, swept, strict=True)):
             absent.append(knob)
-        elif not any(swept):
+        elif not any(swept) and not (knob.idle and knob.name not in given):
             settings.shown |= _shown(knob, held)
     if absent:
         names = [knob.name for knob in absent]

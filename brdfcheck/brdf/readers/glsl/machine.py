@@ -24,7 +24,7 @@ Run = Callable[["Machine"], Any]
 # a second for some hundreds of them.
 _UNROLLED, _TRACED = 512, 8_000
 # Steps of one run of the program, and operations that JAX traces, after which it is refused.
-_MOST_STEPS, _MOST_TRACED = 500_000, 60_000
+_MOST_STEPS, _MOST_TRACED = 200_000, 30_000
 _MOST_ROUNDS = 4096
 """Rounds of a loop that depends on data; lanes that need more end with NaN."""
 

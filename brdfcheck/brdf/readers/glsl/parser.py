@@ -225,7 +225,9 @@ class _Parser(Expressions):
             found.append(self._block())
         elif self.is_next("struct"):
             self._struct(found)
-            self.expect(";")
+            if not self.accept(";"):
+                name = getattr(found[-1], "name", "")
+                found.append(self._variables([], syntax.TypeName(token.at, name, []), self.name("a name")))
         elif token.kind == "name" and token.text in ("if", "for", "while", "do", "switch", "return"):
             found.append(getattr(self, f"_{token.text}")(self.take().at))
         elif self.accept("break", "continue", "discard"):

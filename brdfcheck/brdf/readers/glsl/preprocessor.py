@@ -22,7 +22,7 @@ from brdfcheck.brdf.readers.glsl.errors import Position, ShaderError, mistake
 MOST_BYTES = 2**21
 """Bytes of a shader, with its includes."""
 # Tokens that macros may expand to, expansions of macros, files included one inside the other, and directives.
-_MOST_TOKENS, _MOST_EXPANSIONS, _MOST_DEPTH, _MOST_FILES = 200_000, 100_000, 24, 200
+_MOST_TOKENS, _MOST_EXPANSIONS, _MOST_DEPTH, _MOST_FILES = 200_000, 30_000, 24, 200
 # Characters that Python takes for the end of a line and a shader does not.
 _ODD_BREAKS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*([eE][-+]?\d+)?|\.\d+([eE][-+]?\d+)?)[fF]?$")
@@ -179,7 +179,7 @@ class _Work(Preprocessor):
             body = "".join(token.value for token in tokens[1:]).strip()
             bare = re.sub(r"^\((.*)\)$", r"\1", body).strip()
             if len(tokens) > 1 and tokens[1].type in self.t_WS and _NUMBER.match(bare):
-                self.numbers[name] = float(bare.rstrip("fF"))
+                self.numbers[name] = int(bare) if bare.lstrip("+-").isdigit() else float(bare.rstrip("fF"))
         super().define(tokens)
         name = (tokens.split(maxsplit=1)[0] if isinstance(tokens, str) else tokens[0].value).split("(")[0]
         for token in self.macros[name].value if name in self.macros else ():

@@ -44,7 +44,7 @@ class Program(Statements):
     def __init__(self, source: Source, dialect: Dialect, given: Mapping[str, Type]):
         super().__init__(source, dialect)
         self.routines, self.calls, self.constants, self.used = {}, {}, {}, set()
-        self.caller: Routine | None = None
+        self.caller = None
         self.uniforms: dict[str, Uniform] = {}
         self._within, self._returned = [], [False]
         self._globals: list[Run] = []
@@ -81,7 +81,7 @@ class Program(Statements):
         if node.body is not None:
             if routine.body is not None:
                 raise self.mistake(node.at, f"{node.name}({routine.signature}) is defined twice")
-            routine.node, routine.body, routine.ways = node, node.body, ways
+            routine.node, routine.body, routine.ways, routine.horizon = node, node.body, ways, self.names.slot
 
     def _top_declaration(self, node: syntax.Declaration) -> None:
         outside = {"uniform", "in", "out", "inout", "attribute", "varying", "extern"} & set(node.qualifiers)

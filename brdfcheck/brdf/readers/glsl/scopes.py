@@ -39,7 +39,10 @@ class Variable:
 
 @dataclass
 class Routine:
-    """A function of the file. `compiled` runs its body, which may change the variables `writes` and calls `calls`."""
+    """A function of the file. `compiled` runs its body, which may change the variables `writes` and calls `calls`.
+
+    `horizon`: the last of the global variables that stand before it.
+    """
 
     node: syntax.Function
     result: Type
@@ -48,6 +51,7 @@ class Routine:
     body: syntax.Block | None = None
     slots: tuple[int, ...] = ()
     result_slot: int | None = None
+    horizon: int = 0
     compiled: Run | None = None
     writes: set[int] = field(default_factory=set)
     calls: list[Routine] = field(default_factory=list)

@@ -22,7 +22,7 @@ from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
 from brdfcheck.brdf.readers.glsl.program import Program
 from brdfcheck.brdf.readers.glsl.roles import VEC3, allowed, find, roles_of
 from brdfcheck.brdf.readers.glsl.scopes import Routine
-from brdfcheck.runtime import double_precision
+from brdfcheck.runtime import STRAIGHT_LINE, double_precision
 
 _FRAME = {"N": (0.0, 0.0, 1.0), "X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0)}
 
@@ -70,7 +70,9 @@ class ShaderBRDF:
             lit = wi[..., 2] > 0
             cosine = jnp.where(lit, wi[..., 2], 1.0)
             channels = [jnp.where(lit, channel / cosine, 0.0) for channel in channels]
-        return channels[0] if routine.result == FLOAT else jnp.stack(channels, axis=-1)
+        if routine.result == FLOAT:
+            return channels[0]
+        return jnp.stack(channels, axis=-1)
 
 
 class ShaderFile(AbstractFile):
@@ -123,7 +125,7 @@ class ShaderFile(AbstractFile):
         held = {name: low for name, (low, high) in macros.items() if low == high}
         compiled = self._plain
         if macros:
-            words = {name: _written(value, self._numbers[name]) for name, value in held.items()}
+            words = {name: _written(value, isinstance(self._numbers[name], int)) for name, value in held.items()}
             compiled = self._compile(words, tuple(name for name in macros if name not in held))
         rest = {name: bounds for name, bounds in ranges.items() if name not in held}
         settings = settle(compiled.knobs, rest, self.spec, no_parameter)
@@ -133,6 +135,7 @@ class ShaderFile(AbstractFile):
             return ShaderBRDF(compiled, settings, numbers)
 
         build.__name__ = self.function
+        build.compiler_options = STRAIGHT_LINE  # pyright: ignore[reportFunctionMemberAccess]
         cosines = (0.0, 1.0) if cos_theta is None else cos_theta
         family = Family(
             self.spec,
@@ -171,10 +174,10 @@ class ShaderFile(AbstractFile):
                 " Name them in order, as in --args L,V,N",
             )
         program.compile(routine)
-        knobs = [*self._uniforms(program, swept), *self._arguments(program, routine, roles)]
+        knobs = [*self._uniforms(program), *self._arguments(program, routine, roles)]
         return _Compiled(program, routine, tuple(roles), knobs, reading.returns == "brdf*cos")
 
-    def _uniforms(self, program: Program, swept: tuple[str, ...]) -> list[Knob]:
+    def _uniforms(self, program: Program) -> list[Knob]:
         declared = {item.name: item for item in self._declared}
         knobs: list[Knob] = []
         for uniform in program.uniforms.values():
@@ -184,16 +187,16 @@ class ShaderFile(AbstractFile):
                 white = (1.0,) * 3 if isinstance(item.type, Vector) else None
                 place = Position(self.path, 0, 0)
                 knobs.append(Knob(item.name, item.type, key, place, item.bounds, item.default, white))
-            elif uniform.slot in program.used and not isinstance(uniform.type, Opaque):
-                if not isinstance(uniform.type, (Scalar, Vector)) and uniform.default is None:
+            elif not isinstance(uniform.type, Opaque):
+                idle = uniform.slot not in program.used
+                if not isinstance(uniform.type, (Scalar, Vector)) and uniform.default is None and not idle:
                     raise mistake(
                         uniform.position,
                         f"the uniform {uniform.name!r} is a {uniform.type}: only numbers and vectors can be given",
                     )
                 if isinstance(uniform.type, (Scalar, Vector)):
                     default = None if uniform.default is None else tuple(map(float, leaves_of(uniform.default)))
-                    knobs.append(Knob(uniform.name, uniform.type, key, uniform.position, None, default))
-        del swept
+                    knobs.append(Knob(uniform.name, uniform.type, key, uniform.position, None, default, None, idle))
         return knobs
 
     def _arguments(self, program: Program, routine: Routine, roles: list[str | None]) -> list[Knob]:
@@ -214,7 +217,6 @@ class ShaderFile(AbstractFile):
         return knobs
 
 
-def _written(value: float, before: float) -> str:
-    """A number as a macro: a whole one where the file has a whole one."""
-    del before
-    return repr(int(value)) if value == int(value) and abs(value) < 2**31 else repr(value)
+def _written(value: float, whole: bool) -> str:
+    """A number as a macro: as a whole one where the file has one."""
+    return repr(int(value)) if whole and value == int(value) else f"({value!r})"
