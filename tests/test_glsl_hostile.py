@@ -7,7 +7,7 @@ import re
 import resource
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -249,49 +249,52 @@ _WORDS = (
 )
 
 
-def _damaged(random_numbers: random.Random, text: str) -> str:
+def _damaged(number: random.Random, text: str) -> str:
     """A text with a few characters, words or lines lost, doubled, moved or put in."""
-    for _ in range(random_numbers.choice((1, 1, 1, 2, 3, 8))):
-        at, to = sorted(random_numbers.randrange(len(text) + 1) for _ in range(2))
-        short = min(to, at + random_numbers.choice((1, 1, 2, 5, 20, 200)))
-        lines = text.split("\n")
-        row = random_numbers.randrange(len(lines))
-        kinds: list[Callable[[], str]] = [
-            lambda: text[:at] + text[short:],
-            lambda: text[:at] + random_numbers.choice(_WORDS) + text[at:],
-            lambda: text[:at] + random_numbers.choice(_WORDS) + text[short:],
-            lambda: text[:at] + text[at:short] * 2 + text[short:],
-            lambda: (
-                text[:at]
-                + chr(random_numbers.choice((random_numbers.randrange(32, 127), random_numbers.randrange(0x2FF))))
-                + text[at:]
-            ),
-            lambda: "\n".join([*lines[:row], *lines[row + 1 :]]),
-            lambda: "\n".join([*lines[:row], lines[random_numbers.randrange(len(lines))], *lines[row:]]),
-            lambda: text[:at],
-        ]
-        text = random_numbers.choice(kinds)() or " "
+    for _ in range(number.choice((1, 1, 1, 2, 3, 8))):
+        text = _hurt(number, text) or " "
     return text
 
 
+def _hurt(number: random.Random, text: str) -> str:
+    at, to = sorted(number.randrange(len(text) + 1) for _ in range(2))
+    short = min(to, at + number.choice((1, 1, 2, 5, 20, 200)))
+    lines = text.split("\n")
+    row, other = number.randrange(len(lines)), number.randrange(len(lines))
+    strange = chr(number.choice((number.randrange(32, 127), number.randrange(0x2FF))))
+    return number.choice(
+        (
+            text[:at] + text[short:],
+            text[:at] + number.choice(_WORDS) + text[at:],
+            text[:at] + number.choice(_WORDS) + text[short:],
+            text[:at] + text[at:short] * 2 + text[short:],
+            text[:at] + strange + text[at:],
+            "\n".join([*lines[:row], *lines[row + 1 :]]),
+            "\n".join([*lines[:row], lines[other], *lines[row:]]),
+            text[:at],
+        )
+    )
+
+
 def _fuzz(folder: Path, count: int, seed: int) -> tuple[int, int]:
-    """Read so many damaged files: how many were refused, how many read. Fails for any other exception, and for more than 20 s."""
+    """Read so many damaged files: how many were refused, how many read. Fails for another exception, and for more than 20 s."""
     refused = read = 0
     for number in range(count):
         text = _damaged(random.Random(seed * 1_000_003 + number), _SEED)
         path = folder / "damaged.brdf"
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
         began = time.monotonic()
+        said = ""
         try:
             with _within(20):
                 load(str(path))
             read += 1
         except UsageError as error:
-            refused += 1
-            assert "\n" not in str(error)
-            assert str(error).startswith(str(path)), error
+            refused, said = refused + 1, str(error)
         except BaseException as error:
             raise AssertionError(f"number {number} of seed {seed}, after {time.monotonic() - began:.1f} s:\n{text}") from error
+        assert "\n" not in said
+        assert not said or said.startswith(str(path)), said
     return refused, read
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shaders import evaluated
 
-# The body of `float f(vec3 L, vec3 V, vec3 N)`, in which `one` is a uniform of value 1; what stands before "###" stands before f.
+# The body of `float f(vec3 L, vec3 V, vec3 N)`, in which `one` is a uniform of value 1; before "###" is what is before f.
 CASES: dict[str, tuple[str, float]] = {
     "precedence": ("return one + 2.0 * 3.0 - 8.0 / 4.0;", 5),
     "left to right": ("return 10.0 - one - 2.0 - 3.0;", 4),
@@ -80,7 +80,8 @@ CASES: dict[str, tuple[str, float]] = {
     "parameters are copies": ("float g(float a) { a = a + 1.0; return a; } ### float x = one; g(x); return x;", 1),
     "early return": ("float g(float x) { if (x > 0.5) return 1.0; return 2.0; } ### return g(one) * 10.0 + g(one - 1.0);", 12),
     "return in a loop": (
-        "float g(float x) { for (int i = 0; i < 9; i++) { if (x * float(i) > 3.5) return float(i); } return -1.; } ### return g(one);",
+        "float g(float x) { for (int i = 0; i < 9; i++) { if (x * float(i) > 3.5) return float(i); } return"
+        " -1.; } ### return g(one);",
         4,
     ),
     "global": ("float total = 0.0; void add(float x) { total += x; } ### add(one); add(2.0); return total;", 3),
@@ -111,7 +112,8 @@ CASES: dict[str, tuple[str, float]] = {
         -7,
     ),
     "data loop with an array": (
-        "float a[3]; float x = one; int i = 0; while (x < 4.) { a[i] = x; x += 1.; i++; } return a[0] + a[1] * 10. + a[2] * 100.;",
+        "float a[3]; float x = one; int i = 0; while (x < 4.) { a[i] = x; x += 1.; i++; } return a[0] + a[1]"
+        " * 10. + a[2] * 100.;",
         321,
     ),
     "loop changes a global": (
@@ -127,7 +129,8 @@ CASES: dict[str, tuple[str, float]] = {
         20,
     ),
     "switch falls through": (
-        "float s = 0.; switch (int(one)) { case 0: s += 1.; case 1: s += 10.; case 2: s += 100.; break; case 3: s += 1000.; } return s;",
+        "float s = 0.; switch (int(one)) { case 0: s += 1.; case 1: s += 10.; case 2: s += 100.; break; case"
+        " 3: s += 1000.; } return s;",
         110,
     ),
     "switch default": (
@@ -140,7 +143,8 @@ CASES: dict[str, tuple[str, float]] = {
     ),
     "switch misses": ("float s = 2.; switch (int(one)) { case 5: s = 3.; } return s;", 2),
     "switch in a loop": (
-        "float s = 0.; for (int i = 0; i < 4; i++) { switch (i) { case 1: continue; case 2: break; default: s += 10.; } s += one; } return s;",
+        "float s = 0.; for (int i = 0; i < 4; i++) { switch (i) { case 1: continue; case 2: break; default:"
+        " s += 10.; } s += one; } return s;",
         23,
     ),
     "int division": ("int a = -7; return float(a / 2) * 10. + float(a % 2) * one;", -31),
@@ -172,11 +176,13 @@ CASES: dict[str, tuple[str, float]] = {
     "determinant 3": ("return determinant(mat3(2, 0, 1, 1, 3, 2, 1, 1, 4) * one);", 18),
     "determinant 4": ("return determinant(mat4(1, 0, 2, 0, 0, 3, 0, 1, 1, 0, 1, 0, 0, 2, 0, 1) * one);", -1),
     "inverse": (
-        "mat3 m = mat3(2, 0, 1, 1, 3, 2, 1, 1, 4) * one; vec3 v = inverse(m) * (m * vec3(1, 2, 3)); return v.x + v.y * 10. + v.z * 100.;",
+        "mat3 m = mat3(2, 0, 1, 1, 3, 2, 1, 1, 4) * one; vec3 v = inverse(m) * (m * vec3(1, 2, 3)); return"
+        " v.x + v.y * 10. + v.z * 100.;",
         321,
     ),
     "inverse 4": (
-        "mat4 m = mat4(1, 0, 2, 0, 0, 3, 0, 1, 1, 0, 1, 0, 0, 2, 0, 1) * one; mat4 e = inverse(m) * m; return e[0][0] + e[3][3] + e[1][2];",
+        "mat4 m = mat4(1, 0, 2, 0, 0, 3, 0, 1, 1, 0, 1, 0, 0, 2, 0, 1) * one; mat4 e = inverse(m) * m;"
+        " return e[0][0] + e[3][3] + e[1][2];",
         2,
     ),
     "outer product": ("mat3x2 m = outerProduct(vec2(one, 2), vec3(3, 4, 5)); return m[2].y * 10. + m[0].x;", 103),
@@ -188,7 +194,8 @@ CASES: dict[str, tuple[str, float]] = {
     "whole vectors": ("ivec3 a = ivec3(1, 2, 3) * int(one); vec3 b = a * 2.5; return b.z;", 7.5),
     "any and all": ("bvec2 b = lessThan(vec2(one, 3), vec2(2)); return any(b) && !all(b) && not(b).y ? 1. : 0.;", 1),
     "relations": (
-        "ivec3 a = ivec3(1, 2, 3) * int(one); bvec3 b = greaterThanEqual(a, ivec3(2)); return float(b.x) * 100. + float(b.y) * 10. + float(b.z);",
+        "ivec3 a = ivec3(1, 2, 3) * int(one); bvec3 b = greaterThanEqual(a, ivec3(2)); return float(b.x) *"
+        " 100. + float(b.y) * 10. + float(b.z);",
         11,
     ),
     "equal": (

@@ -177,9 +177,9 @@ def test_which_function_is_meant(tmp_path: Path) -> None:
     assert load(f"{two}:shiny").build()([[0, 0, 1.0]], [[0, 0, 1.0]]).tolist() == [[1, 1, 1]]
     with pytest.raises(UsageError, match=r"there is no function 'shinny'; did you mean 'shiny'\?"):
         load(f"{two}:shinny")
-    with pytest.raises(UsageError, match="no function takes a light and a view direction.*the file has a, b"):
+    with pytest.raises(UsageError, match=r"no function takes a light and a view direction.*the file has a, b"):
         load(write(tmp_path, "float a(float x) { return x; } float b(float x) { return x; }", "none.glsl"))
-    with pytest.raises(UsageError, match="there is no function 'BRDF'; did you mean 'brdf'|the file has 'brdf'"):
+    with pytest.raises(UsageError, match="there is no function 'BRDF'; the file has 'brdf'"):
         load(write(tmp_path, f"analytic\n::begin shader\nvec3 brdf{body}\n::end shader", "case.brdf"))
     # A function that the other one calls is not meant.
     helped = write(tmp_path, f"vec3 lobe{body}\nvec3 whole(vec3 L, vec3 V) {{ return lobe(L, V, V) * 2.0; }}", "helped.glsl")

@@ -118,7 +118,8 @@ def _check(
     the search did not settle. Also checks reciprocity, sign and finiteness.
     """
     words.refuse_same({"--json": json, "--junitxml": junitxml})
-    own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta}
+    how = reading(define, include, args, returns)
+    own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta, **how.record}
     settings = _settings(substring, tolerance, rtol, effort, jobs, **own)
     began = time.perf_counter()
     start()
@@ -127,7 +128,7 @@ def _check(
 
     wanted = filtered(names or [entry.name for entry in catalog.entries() if entry.validated], substring)
     with contextlib.redirect_stdout(sys.stderr):
-        targets = resolve(wanted, settings["over"], cos_theta, reading(define, include, args, returns))
+        targets = resolve(wanted, settings["over"], cos_theta, how)
         start()  # a user's file may have changed the precision
     return _run("check", targets, settings, Output(json), began, junitxml, debug)
 

@@ -39,6 +39,22 @@ class Reading:
                 raise UsageError(f"{one_line(name)!r} is no name of a macro")
 
     @property
+    def record(self) -> dict[str, Any]:
+        """The options that differ from the usual ones, for records of what was done."""
+        usual = Reading()
+        return (
+            {} if self.is_plain else {"reading": {key: value for key, value in vars(self).items() if value != vars(usual)[key]}}
+        )
+
+    @property
+    def command(self) -> list[str]:
+        """The options as words of a command line."""
+        words = [part for name, value in self.defines.items() for part in ("-D", f"{name}={value}")]
+        words += [part for folder in self.folders for part in ("-I", folder)]
+        words += ["--args", ",".join(self.arguments)] if self.arguments else []
+        return words + (["--returns", self.returns] if self.returns != RETURNS[0] else [])
+
+    @property
     def is_plain(self) -> bool:
         """True where nothing is asked for."""
         return not (self.defines or self.folders or self.arguments) and self.returns == RETURNS[0]

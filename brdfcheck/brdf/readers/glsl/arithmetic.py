@@ -83,7 +83,7 @@ def convert(value: Any, kind: str) -> Any:
             return _wrapped(number, kind)
         return _wrapped(int(value), kind) if kind in ("int", "uint") else np.float64(value)
     if kind == "bool":
-        return value != 0
+        return value if value.dtype == bool else value != 0
     if kind == "float":
         return value.astype(float)
     wide = value.dtype.kind == "f"

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.readers.glsl import arithmetic, matrices
-from brdfcheck.brdf.readers.glsl.arithmetic import add, folded, known, least, most, multiply
+from brdfcheck.brdf.readers.glsl.arithmetic import add, convert, folded, known, least, most, multiply
 from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Matrix, Vector
 from brdfcheck.brdf.readers.glsl.library import Builtin, forms, lanes
 
@@ -21,13 +21,13 @@ def _sincos(machine: Any, angle: Any) -> Any:
 
 def _any(machine: Any, value: Any) -> Any:
     del machine
-    parts = [part != 0 for part in (value if isinstance(value, tuple) else (value,))]
+    parts = [convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))]
     return np.bool_(any(parts)) if known(*parts) else _joined(parts, lambda a, b: a | b)
 
 
 def _all(machine: Any, value: Any) -> Any:
     del machine
-    parts = [part != 0 for part in (value if isinstance(value, tuple) else (value,))]
+    parts = [convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))]
     return np.bool_(all(parts)) if known(*parts) else _joined(parts, lambda a, b: a & b)
 
 

@@ -216,9 +216,9 @@ class _Parser(Expressions):
         return found[0] if len(found) == 1 else syntax.Block(at, found)
 
     def _statement(self, found: list[syntax.Node]) -> None:
-        token = self.now
         if self.dialect.spread:
             self._attributes()
+        token = self.now
         if self.accept(";"):
             return
         if self.is_next("{"):

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.kinds import Type
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
@@ -154,6 +156,7 @@ class Names:
 def constant_of(run: Run) -> Any:
     """The value of an expression where it is a number that needs no variables; else None."""
     try:
-        return run(Machine(()))
+        with np.errstate(all="ignore"):
+            return run(Machine(()))
     except KeyError:
         return None

@@ -38,7 +38,7 @@ class _Compiled:
     per_cosine: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShaderBRDF:
     """f(wi, wo) of a shader, with numbers for its parameters: wi is L, to the light; wo is V, to the viewer."""
 
