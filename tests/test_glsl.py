@@ -127,6 +127,11 @@ def test_directions_are_known_by_their_names(tmp_path: Path, arguments: str) -> 
     assert at(family(tmp_path, text).build()) == pytest.approx([0.88, 1, 3])
 
 
+def test_a_name_that_only_resembles_a_role_gives_way(tmp_path: Path) -> None:
+    found = family(tmp_path, "vec3 f(vec3 V, vec3 L, vec3 N, vec3 e, vec3 i) { return e + i + L.x; }", e=(1, 1), i=(0, 1, 2))
+    assert at(found.build()) == pytest.approx([1.6, 2.6, 3.6])
+
+
 def test_directions_are_told_by_args(tmp_path: Path) -> None:
     text = "float f(vec3 p, float g, vec3 q, vec3 r) { return p.x + 10.0 * q.x + 100.0 * r.z + g; }"
     found = family(tmp_path, text, args="V,g,L,N", g=(0, 0))

@@ -63,12 +63,13 @@ class Reading:
 class AbstractFile(abc.ABC):
     """A file that has been read and holds a BRDF with parameters.
 
-    `spec`: its name; `path`, `line`: where the BRDF is; `names`: what ranges can be given for; `required`: for which they must
-    be; `whole`: which of them are whole numbers.
+    `spec`: its name; `path`, `line`: where the BRDF is; `files`: all that were read for it; `names`: what ranges can be given
+    for; `required`: for which they must be; `whole`: which of them are whole numbers.
     """
 
     path: str
     line: int | None
+    files: tuple[str, ...]
 
     @property
     @abc.abstractmethod

@@ -33,7 +33,8 @@ _MOST_ROUNDS = 4096
 class LoopPlan:
     """A loop, compiled. `slots` gives the variables from outside that it may change; `own`: those of its head.
 
-    `result`: the slot of the function's result, and its type, where there is a return inside.
+    `result`: the slot of the function's result, and its type, where there is a return inside. `counted`: the head alone says
+    how many rounds there are.
     """
 
     position: Position
@@ -46,6 +47,7 @@ class LoopPlan:
     slots: Callable[[], list[int]]
     own: frozenset[int]
     result: tuple[int | None, Type] | None
+    counted: bool
 
 
 @dataclass
@@ -164,7 +166,22 @@ class Machine:
                 if self.traced > _TRACED:
                     break
             self.state, self.active, ended = dict(begin[0]), begin[1], False
+            self._refuse_long(plan)
         return self._repeat(plan, entry, ended)
+
+    def _refuse_long(self, plan: LoopPlan) -> None:
+        """ShaderError where the head of a loop alone says that it has too many rounds."""
+        if not plan.counted or plan.condition is None or plan.step is None:
+            return
+        kept = dict(self.state), self.active
+        for _ in range(_MOST_ROUNDS + 1):
+            going = plan.condition(self)
+            if not known(going) or not going:
+                break
+            plan.step(self)
+        else:
+            raise mistake(plan.position, f"this loop has more than {_MOST_ROUNDS} rounds")
+        self.state, self.active = kept
 
     def _round(self, plan: LoopPlan, ended: Mask) -> tuple[Mask, bool]:
         """Once through a loop: the lanes that have left it, and whether its condition was no known number."""

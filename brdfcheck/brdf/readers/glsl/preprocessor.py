@@ -32,12 +32,16 @@ _one_at_a_time = threading.Lock()
 
 @dataclass(frozen=True)
 class Source:
-    """Text to be lexed, and the place in a file of the piece that holds each character of it."""
+    """Text to be lexed, and the place in a file of the piece that holds each character of it.
+
+    `numbers`: macros that are numbers; `files`: all that were read, the shader itself first.
+    """
 
     text: str
     starts: list[int]
     places: list[tuple[Position, bool]]
     numbers: Mapping[str, float]
+    files: tuple[str, ...]
 
     def position(self, offset: int) -> Position:
         """Where a character of the text came from."""
@@ -146,7 +150,7 @@ class _Work(Preprocessor):
             pieces.append(token.value)
             length += len(token.value)
             before = (token.source, macro, token.lexpos + len(token.value))
-        return Source("".join(pieces), starts, places, self.numbers)
+        return Source("".join(pieces), starts, places, self.numbers, tuple(self._texts))
 
     def here(self) -> Position:
         """The directive that was looked at last."""

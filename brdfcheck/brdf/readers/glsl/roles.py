@@ -53,10 +53,7 @@ def roles_of(routine: Routine, asked: tuple[str, ...], program: Program, *, by_p
     elif by_place:
         found = [*ROLES]
     else:
-        found = [
-            role_of(parameter) if kind == VEC3 and way == "in" else None
-            for parameter, kind, way in zip(parameters, routine.types, routine.ways, strict=True)
-        ]
+        found = named_roles(routine)
     for role in ROLES:
         if found.count(role) > 1:
             names = " and ".join(repr(item.name) for item, its in zip(parameters, found, strict=True) if its == role)
@@ -66,10 +63,24 @@ def roles_of(routine: Routine, asked: tuple[str, ...], program: Program, *, by_p
     return found
 
 
+def named_roles(routine: Routine) -> list[str | None]:
+    """The roles that the arguments have by their names. Where two look alike, the one that is called L, V, N, X or Y has it."""
+    parameters = routine.node.parameters
+    found = [
+        role_of(parameter) if kind == VEC3 and way == "in" else None
+        for parameter, kind, way in zip(parameters, routine.types, routine.ways, strict=True)
+    ]
+    for role in ROLES:
+        exact = [place for place, its in enumerate(found) if its == role and parameters[place].name.upper() == role]
+        if found.count(role) > 1 and len(exact) == 1:
+            found = [its if its != role or place == exact[0] else None for place, its in enumerate(found)]
+    return found
+
+
 def is_brdf(routine: Routine) -> bool:
-    """True where the arguments and the result look like those of a BRDF."""
-    roles = [role_of(item) for item, kind in zip(routine.node.parameters, routine.types, strict=True) if kind == VEC3]
-    return {"L", "V"} <= set(roles) and roles.count("L") == roles.count("V") == 1
+    """True where the arguments look like those of a BRDF."""
+    roles = named_roles(routine)
+    return roles.count("L") == roles.count("V") == 1
 
 
 def find(program: Program, name: str | None, path: str, *, asked: bool) -> Routine:

@@ -92,6 +92,7 @@ class ShaderFile(AbstractFile):
         self._plain = self._compile({}, ())
         self.function = self._plain.routine.name
         self.line = self._plain.program.source.position(self._plain.routine.node.at).line
+        self.files = self._plain.program.source.files
         self._numbers = {
             name: value for name, value in self._plain.program.source.numbers.items() if name not in reading.defines
         }

@@ -173,7 +173,8 @@ class Statements(Calls):
             step = None if node.step is None else self.typed(node.step).run
             self._within.append("loop")
             self._returned.append(False)
-            body = self._scoped(node.body)
+            with self.names.noting() as (changed, _, _):
+                body = self._scoped(node.body)
             self._within.pop()
             returned = self._returned.pop()
         self._returned[-1] = self._returned[-1] or returned
@@ -188,8 +189,9 @@ class Statements(Calls):
         result: tuple[int | None, Type] | None = None
         if returned and routine is not None:
             result = (routine.result_slot, routine.result)
+        counted = bool(own) and not own & changed
         plan = LoopPlan(
-            self.source.position(node.at), start, condition, step, body, node.test_first, endless, slots, own, result
+            self.source.position(node.at), start, condition, step, body, node.test_first, endless, slots, own, result, counted
         )
         return lambda machine: machine.loop(plan)
 
