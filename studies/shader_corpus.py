@@ -5,8 +5,8 @@ Command: ``brdfcheck study shader_corpus``: the twelve files of ``_instruments/s
 your own, give their folder in the environment variable BRDFCHECK_SHADERS, or as ``python studies/shader_corpus.py FOLDER``.
 
 Answer: 6 of 12 do, 5 do not: Ward 1992 has no bound towards grazing, the principled model reaches 1.885 with everything turned
-up, Blinn-Phong with n + 8 reaches 1.0752, Oren and Nayar's model 1.0152, EON's approximate form 1.000146. Cook-Torrance comes to
-1 within its error bar.
+up, Blinn-Phong with n + 8 reaches 1.0752, Oren and Nayar's model 1.0152, EON's approximate form 1.000146. Cook-Torrance comes
+to 1 within its error bar.
 
 Each file is checked over the ranges that it declares, colours white: what `brdfcheck check FILE` says. ``eon.glsl`` runs over
 its roughness.

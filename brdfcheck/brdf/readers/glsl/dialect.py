@@ -7,13 +7,15 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language differs from GLSL. `types`, `functions`: its names for those of GLSL; `spread`: see there."""
+    """How a language differs from GLSL. `types`, `functions`: its names for those of GLSL.
+
+    `spread`: a scalar becomes a vector, a longer vector is cut, whole numbers and truth values mix; there are casts and lists
+    in braces, and % of floats; matrices are given by rows, and * multiplies entry by entry.
+    """
 
     name: str
     types: dict[str, str] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
-    # A scalar becomes a vector, a longer vector is cut, whole numbers and truth values mix; casts and braces; % of floats;
-    # matrices are given by rows, and * multiplies entry by entry.
     spread: bool = False
 
 

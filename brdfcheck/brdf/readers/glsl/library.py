@@ -317,7 +317,10 @@ MEANINGLESS = {
         for name in ("texture1D", "texture2D", "texture3D", "textureCube", "shadow1D", "shadow2D", "texture2DRect")
         for ending in ("", "Lod", "Proj", "ProjLod", "LodEXT", "GradARB")
     },
-    **dict.fromkeys(("ftransform", "EmitVertex", "EndPrimitive", "noise1", "noise2", "noise3", "noise4"), "it needs more"),
+    **dict.fromkeys(
+        ("ftransform", "EmitVertex", "EndPrimitive", "noise1", "noise2", "noise3", "noise4"),
+        "it belongs to a stage of a pipeline",
+    ),
     **dict.fromkeys(("imageLoad", "imageStore", "imageSize"), _TEXTURES),
 }
 """Functions of GLSL that cannot be evaluated for one pair of directions, and why."""

@@ -246,6 +246,3 @@ class _Work(Preprocessor):
         looked = [*(self.temp_path[:1] if not is_system_include else ()), *self.path]
         shown = ", ".join(os.path.relpath(folder or ".") for folder in looked)
         raise mistake(self.here(), f"cannot find {includepath!r}; looked in {shown or 'no folder'} (-I FOLDER adds one)")
-
-    def on_comment(self, tok: Any) -> Any:
-        return None

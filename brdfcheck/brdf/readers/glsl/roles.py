@@ -83,7 +83,7 @@ def is_brdf(routine: Routine) -> bool:
     return roles.count("L") == roles.count("V") == 1
 
 
-def find(program: Program, name: str | None, path: str, *, asked: bool) -> Routine:
+def find(program: Program, name: str | None, path: str) -> Routine:
     """The function that is meant. ShaderError where there is none, or more than one."""
     defined = list(program.definitions())
     names = list(dict.fromkeys(routine.name for routine in defined))

@@ -13,9 +13,6 @@ from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.kinds import Type
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
 
-# get and set of something that can be assigned to, for one run.
-Access = tuple[Any, Any]
-
 
 class Typed(NamedTuple):
     """A compiled expression: its type, what runs it, and where it can be assigned to, what finds it (get, set).

@@ -163,7 +163,7 @@ class ShaderFile(AbstractFile):
         given: dict[str, Type] = {item.name: item.type for item in self._declared} | dict.fromkeys(swept, FLOAT)
         program = Program(source, self._dialect, given)
         asked = allowed(reading.arguments) if reading.arguments else ()
-        routine = find(program, self._function, self.path, asked=bool(asked))
+        routine = find(program, self._function, self.path)
         at = routine.node.at
         if routine.result not in (FLOAT, VEC3):
             raise program.mistake(at, f"{routine.name}() returns {routine.result}; a BRDF returns float or vec3")
