@@ -441,3 +441,14 @@ def test_fit_and_plot_take_shaders(tmp_path: Path, capsys: pytest.CaptureFixture
     assert code == ExitCode.PASSED, err
     assert (tmp_path / "a.svg").exists()
     assert "wrote a.svg" in out
+
+
+def test_line_ends_of_any_system(tmp_path: Path) -> None:
+    for number, ends in enumerate(("\r\n", "\r", "\n")):
+        path = tmp_path / f"{number}.brdf"
+        path.write_bytes(b"\xef\xbb\xbf" + HALVED.replace("\n", ends).encode())
+        found = load(str(path), n=(2, 2), k=(1, 1), halved=(0, 0))
+        assert at(found.build()) == pytest.approx([2.48] * 3)
+        path.write_bytes(HALVED.replace("L.x;", "L.w;").replace("\n", ends).encode())
+        with pytest.raises(UsageError, match=r"\.brdf:12:31: error: vec3 has no component 'w'"):
+            load(str(path))

@@ -54,6 +54,19 @@ def opposite(mask: Mask) -> Mask:
     return not mask if known(mask) else ~mask
 
 
+def where(mask: Any, yes: Any, no: Any) -> Any:
+    """One or the other scalar, of one kind. What jnp.where does, without a function of its own in the program each time."""
+    shape = np.broadcast_shapes(np.shape(mask), np.shape(yes), np.shape(no))
+    kind = jax.dtypes.canonicalize_dtype(yes.dtype) if known(yes, no) else (no if known(yes) else yes).dtype
+    return jax.lax.select(_filled(mask, shape, np.dtype(bool)), _filled(yes, shape, kind), _filled(no, shape, kind))
+
+
+def _filled(value: Any, shape: tuple[int, ...], kind: Any) -> Any:
+    if known(value):
+        return jax.lax.full(shape, value, kind)
+    return value if value.shape == shape else jnp.broadcast_to(value, shape)
+
+
 def choose(mask: Mask, yes: Any, no: Any) -> Any:
     """A scalar: `yes` where the mask holds, else `no`."""
     if yes is no:
@@ -62,7 +75,7 @@ def choose(mask: Mask, yes: Any, no: Any) -> Any:
         return yes if mask else no
     if known(yes, no) and (yes == no or (yes != yes and no != no)):
         return yes
-    return jnp.where(mask, yes, no)
+    return where(mask, yes, no)
 
 
 def safe(machine: Masked, value: Any, harmless: float) -> Any:
@@ -70,7 +83,7 @@ def safe(machine: Masked, value: Any, harmless: float) -> Any:
     mask = machine.active
     if known(mask) or known(value):
         return value
-    return jnp.where(mask, value, value.dtype.type(harmless))
+    return where(mask, value, value.dtype.type(harmless))
 
 
 def convert(value: Any, kind: str) -> Any:
@@ -197,7 +210,8 @@ def root(machine: Masked, value: Any) -> Any:
         return np.sqrt(value)
     value = safe(machine, value, 1)
     positive = value > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), jnp.where(value < 0, jnp.nan, value))
+    one, nan = np.float64(1), np.float64(np.nan)
+    return where(positive, jnp.sqrt(where(positive, value, one)), where(value < 0, nan, value))
 
 
 # Whole powers up to this one are products.
@@ -216,9 +230,9 @@ def power(machine: Masked, base: Any, exponent: Any) -> Any:
         return jnp.power(base, exponent)
     # No slope at 0: x^y there is that of a clamped cosine, and 0^y log 0 has none.
     nonzero = base != 0
-    raised = jnp.power(jnp.where(nonzero, base, 1.0), exponent)
-    at_zero = jnp.where(exponent > 0, 0.0, jnp.where(exponent == 0, 1.0, jnp.inf))
-    return jnp.where(nonzero, raised, at_zero)
+    zero, one, infinite = np.float64(0), np.float64(1), np.float64(np.inf)
+    raised = jnp.power(where(nonzero, base, one), exponent)
+    return where(nonzero, raised, choose(exponent > 0, zero, choose(exponent == 0, one, infinite)))
 
 
 log = guarded(np.log, jnp.log, 1)

@@ -23,8 +23,10 @@ Run = Callable[["Machine"], Any]
 # Rounds of a loop that are laid out one after the other, and operations of the program beyond which none is any more: XLA takes
 # a second for some hundreds of them.
 _UNROLLED, _TRACED = 512, 8_000
+# Rounds that are laid out all the same.
+_FEW = 16
 # Steps of one run of the program, and operations that JAX traces, after which it is refused.
-_MOST_STEPS, _MOST_TRACED = 200_000, 30_000
+_MOST_STEPS, _MOST_TRACED = 200_000, 40_000
 _MOST_ROUNDS = 4096
 """Rounds of a loop that depends on data; lanes that need more end with NaN."""
 
@@ -152,7 +154,7 @@ class Machine:
         entry, begin = self.active, (dict(self.state), self.active)
         ended: Mask = False
         if not plan.endless:
-            for _ in range(_UNROLLED):
+            for number in range(_UNROLLED):
                 before = dict(self.state), self.active
                 left, traced = self._round(plan, ended)
                 if traced and plan.test_first:
@@ -163,7 +165,7 @@ class Machine:
                     return self._finish(plan, entry, ended)
                 if traced:
                     return self._repeat(plan, entry, ended)
-                if self.traced > _TRACED:
+                if self.traced > _TRACED and number >= _FEW:
                     break
             self.state, self.active, ended = dict(begin[0]), begin[1], False
             self._refuse_long(plan)
