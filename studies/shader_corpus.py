@@ -22,7 +22,7 @@ from typing import Any
 
 OURS = Path(__file__).resolve().parent / "_instruments" / "shaders"
 SMALL = ("eon.glsl", "lambert.brdf")
-RANGES = {"eon.glsl": {"roughness": (0.0, 1.0)}}
+RANGES: dict[str, dict[str, Any]] = {"eon.glsl": {"roughness": (0.0, 1.0)}}
 COLOURS = {"CONSERVES": "#009E73", "VIOLATES": "#D55E00", "UNDECIDED": "#777777"}
 CEILING = 4.0  # of the axis; what lies above is an arrow
 

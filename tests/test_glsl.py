@@ -101,6 +101,20 @@ def test_uniforms_arguments_and_macros_are_parameters(tmp_path: Path) -> None:
     assert at(family(tmp_path, text, a=(0, 0), d=(0, 0), defines={"GAIN": "1.0"}).build()) == pytest.approx([16, 18, 20])
 
 
+def test_fields_of_structs_are_parameters(tmp_path: Path) -> None:
+    text = (
+        "struct Coat { float weight; };\nstruct Surface { vec3 albedo; Coat coat; };\n"
+        "uniform Surface base = Surface(vec3(1, 2, 3), Coat(0.5));\n"
+        "vec3 f(vec3 L, vec3 V, vec3 N, Surface s) { return s.albedo * s.coat.weight + base.albedo * base.coat.weight; }\n"
+    )
+    with pytest.raises(UsageError, match=r"the parameters s\.albedo, s\.coat\.weight must be given a range"):
+        family(tmp_path, text)
+    ranges: dict[str, Any] = {"s.albedo": (10, 20, 30), "s.coat.weight": (0, 1), "base.albedo.g": (4, 4)}
+    found = family(tmp_path, text, **ranges)
+    assert dict(found.ranges) == {"s.coat.weight": (0, 1)}
+    assert at(found.build(**{"s.coat.weight": 0.1})) == pytest.approx([1.5, 4, 4.5])
+
+
 def test_whole_numbers_are_held(tmp_path: Path) -> None:
     text = "uniform int n;\nuniform bool b;\nfloat f(vec3 L, vec3 V) { return b ? float(n / 2) : 0.0; }"
     found = family(tmp_path, text, n=(7, 7), b=(0, 1))

@@ -108,7 +108,7 @@ SHADERS: dict[str, tuple[str, str, str]] = {
     "result": ("vec4 f(vec3 L, vec3 V) { return vec4(1.0); }", "2:6", r"f\(\) returns vec4; a BRDF returns float or vec3"),
     "roles": ("float f(vec3 a, vec3 b) { return 1.0; }", "2:7", "--args L,V,N"),
     "two lights": ("float f(vec3 wi, vec3 light, vec3 V) { return 1.0; }", "2:7", "both 'wi' and 'light' look like L"),
-    "matrix parameter": ("float f(vec3 L, vec3 V, mat3 m) { return m[0].x; }", "2:30", "only directions, numbers and vectors"),
+    "matrix parameter": ("float f(vec3 L, vec3 V, mat3 m) { return m[0].x; }", "2:30", "only directions, numbers, vectors"),
     "matrix uniform": ("uniform mat3 m;\nfloat f(vec3 L, vec3 V) { return m[0].x; }", "2:14", "is a mat3"),
     "include": ('#include "no.glsl"\nfloat f(vec3 L, vec3 V) { return 1.0; }', "2:1", "cannot find 'no.glsl'"),
     "condition": ("#if 1 +\n#endif\nfloat f(vec3 L, vec3 V) { return 1.0; }", "2:1", "cannot be evaluated"),

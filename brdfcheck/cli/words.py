@@ -106,7 +106,7 @@ def exponent_list(text: str) -> Exponents:
 def setting(text: str) -> Setting | Components:
     """``NAME=LO:HI`` or ``NAME=VALUE``; for a vector ``NAME=R,G,B``, or ``NAME.r=VALUE``. BadParameter otherwise."""
     name, equals, bounds = text.partition("=")
-    if not equals or not all(part.isidentifier() for part in name.strip().split(".", 1)):
+    if not equals or not all(part.isidentifier() for part in name.strip().split(".")):
         raise BadParameter(f"must be NAME=LO:HI or NAME=VALUE, as in n=1:1000; got {one_line(text)!r}")
     try:
         if "," in bounds and ":" not in bounds:

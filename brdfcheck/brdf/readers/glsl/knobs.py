@@ -12,7 +12,7 @@ import numpy as np
 from brdfcheck.brdf.family import NoRange, interval
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.errors import Position
-from brdfcheck.brdf.readers.glsl.kinds import Scalar, Type, Vector, kind_of
+from brdfcheck.brdf.readers.glsl.kinds import Scalar, Struct, Type, Vector, kind_of
 from brdfcheck.messages import UsageError
 
 _COMPONENTS = ("xyzw", "rgba")
@@ -20,7 +20,9 @@ _COMPONENTS = ("xyzw", "rgba")
 
 @dataclass(frozen=True)
 class Knob:
-    """A parameter. `key`: the slot of a uniform, or the place of an argument; `bounds`: its range where the file gives one.
+    """A parameter. `key`: the slot of a uniform, or the place of an argument, and for a field of a struct the way to it.
+
+    `bounds`: its range where the file gives one.
 
     `default`: a number for each component where the file gives any; `plain`: what it is where nothing is said and a file
     gives no range, as colours are white. `idle`: the BRDF does not depend on it.
@@ -28,7 +30,7 @@ class Knob:
 
     name: str
     type: Type
-    key: tuple[str, int]
+    key: tuple[str, int, tuple[int, ...]]
     position: Position
     bounds: tuple[float, float] | None = None
     default: tuple[float, ...] | None = None
@@ -46,6 +48,34 @@ class Knob:
         if not isinstance(self.type, Vector):
             return []
         return [(f"{self.name}.{letters[i]}", i) for i in range(self.size) for letters in _COMPONENTS]
+
+
+def fields_of(kind: Type, name: str, path: tuple[int, ...] = ()) -> list[tuple[str, Type, tuple[int, ...]]] | None:
+    """The numbers and vectors of a type, by names as in ``surface.roughness``; None where it holds anything else."""
+    if isinstance(kind, (Scalar, Vector)):
+        return [(name, kind, path)]
+    if not isinstance(kind, Struct):
+        return None
+    found: list[tuple[str, Type, tuple[int, ...]]] = []
+    for place, (field_name, inner) in enumerate(kind.fields):
+        parts = fields_of(inner, f"{name}.{field_name}", (*path, place))
+        if parts is None:
+            return None
+        found += parts
+    return found
+
+
+def at_path(value: Any, path: tuple[int, ...]) -> Any:
+    """The field of a struct."""
+    return value if not path else at_path(value[path[0]], path[1:])
+
+
+def placed(whole: Any, path: tuple[int, ...], value: Any) -> Any:
+    """A struct with another value in one of its fields."""
+    if not path:
+        return value
+    place = path[0]
+    return (*whole[:place], placed(whole[place], path[1:], value), *whole[place + 1 :])
 
 
 @dataclass

@@ -34,6 +34,11 @@ class Uniform:
     default: Any
     position: Position
 
+    @property
+    def start(self) -> Any:
+        """Its value where none is given."""
+        return self.type.zero() if self.default is None else self.default
+
 
 class Program(Statements):
     """A shader, compiled as far as it is asked for: what nobody calls may hold what has no meaning here.
@@ -188,8 +193,7 @@ class Program(Statements):
         with np.errstate(all="ignore"):
             try:
                 for uniform in self.uniforms.values():
-                    default = uniform.type.zero() if uniform.default is None else uniform.default
-                    machine.declare(uniform.slot, values.get(uniform.slot, default))
+                    machine.declare(uniform.slot, values.get(uniform.slot, uniform.start))
                 for declare in self._globals:
                     declare(machine)
                 return perform(machine, routine, arguments), machine

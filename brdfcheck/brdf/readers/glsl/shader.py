@@ -16,8 +16,8 @@ from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.glsl import analytic
 from brdfcheck.brdf.readers.glsl.dialect import GLSL, HLSL
 from brdfcheck.brdf.readers.glsl.errors import Position, mistake
-from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Scalar, Type, Vector, kind_of, leaves_of
-from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, missing, names_of, settle
+from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, Vector, kind_of, leaves_of
+from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, at_path, fields_of, missing, names_of, placed, settle
 from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
 from brdfcheck.brdf.readers.glsl.program import Program
 from brdfcheck.brdf.readers.glsl.roles import VEC3, allowed, find, roles_of
@@ -52,18 +52,15 @@ class ShaderBRDF:
         shape = wi.shape[:-1]
         directions = {role: tuple(map(np.float64, vector)) for role, vector in _FRAME.items()}
         directions |= {role: tuple(array[..., i] for i in range(3)) for role, array in (("L", wi), ("V", wo))}
-        uniforms: dict[int, Any] = {}
+        uniforms = {item.slot: item.start for item in compiled.program.uniforms.values()}
         arguments: list[Any] = [kind.zero() for kind in routine.types]
         for place, role in enumerate(compiled.roles):
             if role is not None:
                 arguments[place] = directions[role]
         for knob in compiled.knobs:
-            where, index = knob.key
-            value = self.settings.values(knob, self.numbers)
-            if where == "uniform":
-                uniforms[index] = value
-            else:
-                arguments[index] = value
+            where, index, path = knob.key
+            owner: Any = uniforms if where == "uniform" else arguments
+            owner[index] = placed(owner[index], path, self.settings.values(knob, self.numbers))
         found, _ = compiled.program.run(routine, arguments, uniforms, shape)
         channels = [jnp.broadcast_to(jnp.asarray(leaf, wi.dtype), shape) for leaf in leaves_of(found)]
         if compiled.per_cosine:
@@ -182,22 +179,23 @@ class ShaderFile(AbstractFile):
         declared = {item.name: item for item in self._declared}
         knobs: list[Knob] = []
         for uniform in program.uniforms.values():
-            key = ("uniform", uniform.slot)
             if uniform.name in declared:
+                key = ("uniform", uniform.slot, ())
                 item = declared[uniform.name]
                 white = (1.0,) * 3 if isinstance(item.type, Vector) else None
                 place = Position(self.path, 0, 0)
                 knobs.append(Knob(item.name, item.type, key, place, item.bounds, item.default, white))
             elif not isinstance(uniform.type, Opaque):
                 idle = uniform.slot not in program.used
-                if not isinstance(uniform.type, (Scalar, Vector)) and uniform.default is None and not idle:
-                    raise mistake(
-                        uniform.position,
-                        f"the uniform {uniform.name!r} is a {uniform.type}: only numbers and vectors can be given",
-                    )
-                if isinstance(uniform.type, (Scalar, Vector)):
-                    default = None if uniform.default is None else tuple(map(float, leaves_of(uniform.default)))
-                    knobs.append(Knob(uniform.name, uniform.type, key, uniform.position, None, default, None, idle))
+                parts = fields_of(uniform.type, uniform.name)
+                if parts is None and uniform.default is None and not idle:
+                    what = f"the uniform {uniform.name!r} is a {uniform.type}"
+                    raise mistake(uniform.position, f"{what}: only numbers, vectors and structs of them can be given")
+                for name, kind, path in parts or ():
+                    start = None if uniform.default is None else at_path(uniform.default, path)
+                    default = None if start is None else tuple(map(float, leaves_of(start)))
+                    key = ("uniform", uniform.slot, path)
+                    knobs.append(Knob(name, kind, key, uniform.position, None, default, None, idle))
         return knobs
 
     def _arguments(self, program: Program, routine: Routine, roles: list[str | None]) -> list[Knob]:
@@ -207,14 +205,15 @@ class ShaderFile(AbstractFile):
         ):
             if role is not None or way == "out" or isinstance(kind, Opaque):
                 continue
-            if not isinstance(kind, (Scalar, Vector)):
-                raise program.mistake(
-                    node.at, f"the argument {node.name!r} is a {kind}: only directions, numbers and vectors can be given"
-                )
             name = node.name or f"argument{place + 1}"
             if name in program.uniforms:
                 name = f"{routine.name}_{name}"
-            knobs.append(Knob(name, kind, ("argument", place), program.source.position(node.at)))
+            parts = fields_of(kind, name)
+            if parts is None:
+                what = f"the argument {node.name!r} is a {kind}"
+                raise program.mistake(node.at, f"{what}: only directions, numbers, vectors and structs of them can be given")
+            at = program.source.position(node.at)
+            knobs += [Knob(part, inner, ("argument", place, path), at) for part, inner, path in parts]
         return knobs
 
 
