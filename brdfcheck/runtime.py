@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import os
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import jax
+import numpy as np
 
 
 def use_x64() -> None:
@@ -24,6 +28,27 @@ def double_precision(wanted: bool = True) -> contextlib.AbstractContextManager[o
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(wanted)
     return importlib.import_module("jax.experimental").enable_x64(wanted)  # JAX before 0.8
+
+
+STRAIGHT_LINE = {"xla_cpu_use_fusion_emitters": False}
+"""Compiler options for long programs without loops whose values alone are wanted: on a CPU five times as fast.
+
+Derivatives of such programs are not to be trusted under it (jax 0.10: a wrong sign was seen).
+"""
+
+
+@functools.lru_cache(maxsize=8)
+def _understood(options: tuple[tuple[str, Any], ...]) -> bool:
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=dict(options))(np.float32(0))
+    except Exception:  # an XLA that lacks it
+        return False
+    return True
+
+
+def understood(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Compiler options where this XLA knows them all, else None."""
+    return dict(options) if options and _understood(tuple(sorted(options.items()))) else None
 
 
 def is_double() -> bool:

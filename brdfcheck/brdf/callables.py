@@ -19,7 +19,7 @@ import numpy as np
 from jax.core import Tracer
 
 from brdfcheck.cores import available_cores
-from brdfcheck.runtime import double_precision
+from brdfcheck.runtime import double_precision, understood
 
 _log = logging.getLogger("brdfcheck")
 
@@ -55,7 +55,14 @@ def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
         return brdf
 
     build.__name__ = name_of(brdf)
-    return build
+    return with_options_of(brdf, build)
+
+
+def with_options_of(first: Any, second: Callable[..., Any]) -> Callable[..., Any]:
+    """The second one, which is to be compiled like the first: `compiler_options`, where it has them."""
+    if hasattr(first, "compiler_options"):
+        second.compiler_options = first.compiler_options  # pyright: ignore[reportFunctionMemberAccess]
+    return second
 
 
 class Evaluator:
@@ -74,6 +81,7 @@ class Evaluator:
         self.slow = self.alone = False
         self._build = build
         self._name = name_of(build)
+        self._options = understood(getattr(build, "compiler_options", None))
         self._local = threading.local()
         middle = np.array([list(parameters.values())], float)
         try:
@@ -214,7 +222,7 @@ class Evaluator:
 
             return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
 
-        self._program = jax.jit(program)
+        self._program = jax.jit(program, compiler_options=self._options)
 
     def rows(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """f for rows of directions: parameters (rows, names), wi (rows, 3, 1 or BLOCK) and wo (rows, 3, BLOCK).
@@ -382,7 +390,7 @@ class Evaluator:
         if self.slow:
             return lambda wi, wo: self._numpy_call(place, wi, wo)
         brdf = None if self.names else self._brdf(())
-        program = jax.jit(lambda p, wi, wo: (brdf or self._brdf(tuple(p)))(wi, wo))
+        program = jax.jit(lambda p, wi, wo: (brdf or self._brdf(tuple(p)))(wi, wo), compiler_options=self._options)
 
         def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             try:

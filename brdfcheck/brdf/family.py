@@ -9,13 +9,24 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
+from brdfcheck.messages import UsageError
+
+
+class NoRange(UsageError):
+    """Parameters that have no range. `names`: theirs."""
+
+    def __init__(self, message: str, names: Iterable[str]):
+        super().__init__(message)
+        self.names = tuple(names)
+
 
 @dataclass(frozen=True)
 class Family:
     """``build(**parameters)`` gives a BRDF for parameters within `ranges` (closed intervals) and cosines within `cos_theta`.
 
-    `held`: parameters that `build` holds itself, so that reports can name them. Raises ValueError where a bound is not finite
-    or an interval is empty.
+    `held`: parameters that `build` holds itself, so that reports can name them. `switches`: parameters that take the two ends
+    of their range and nothing between. `defaults`: what parameters are where one member of the family is wanted and nothing is
+    said, by default the low ends of their ranges. Raises ValueError where a bound is not finite or an interval is empty.
     """
 
     name: str
@@ -23,6 +34,8 @@ class Family:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cos_theta: tuple[float, float] = (0.0, 1.0)
     held: Mapping[str, float] = field(default_factory=dict)
+    switches: frozenset[str] = frozenset()
+    defaults: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, bounds in {**self.ranges, "cos_theta": self.cos_theta}.items():

@@ -1,4 +1,4 @@
-"""What a user hands over, as a family of BRDFs: a name, ``file.py:object``, a BRDF, a function, a class, a factory.
+"""What a user hands over, as a family of BRDFs: a name, a file or an object in one, a BRDF, a function, a class, a factory.
 
 A name is one of the catalogue or of a class of this package.
 
@@ -15,7 +15,11 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from brdfcheck.brdf.readers.python import is_file_spec, line_of, load_object, split_spec
+from brdfcheck.brdf.family import NoRange
+from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
+from brdfcheck.brdf.readers.python import line_of
+from brdfcheck.brdf.readers.registry import load_file
+from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
@@ -45,14 +49,6 @@ class Target:
     line: int | None = None
 
 
-class NoRange(UsageError):
-    """Parameters that have no range. `names`: theirs."""
-
-    def __init__(self, message: str, names: Iterable[str]):
-        super().__init__(message)
-        self.names = tuple(names)
-
-
 @dataclass(frozen=True)
 class Signature:
     """The parameters of a callable, or of a family of the catalogue.
@@ -73,6 +69,8 @@ def signature_of(value: Any) -> Signature:
     """The parameters of a family, a class, a function or a factory."""
     from brdfcheck.brdf.family import Family
 
+    if isinstance(value, AbstractFile):
+        return Signature(value.required, value.names, value.whole, value.whole, frozenset(), False)
     if isinstance(value, Family):
         whole = frozenset(_whole_fields(value))
         return Signature(tuple(value.ranges), (*value.ranges, *sorted(whole)), whole, whole, frozenset(), False)
@@ -118,19 +116,26 @@ def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, f
         return False
 
 
-def as_target(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: Range | None = None) -> Target:
+def as_target(
+    value: Any,
+    ranges: Mapping[str, Range] | None = None,
+    cos_theta: Range | None = None,
+    reading: Reading | None = None,
+) -> Target:
     """Whatever somebody hands over as a `Target`: the one door, for Python and for the command line.
 
-    `value`: a name or ``file.py:object``, a `Family`, a BRDF, a function f(wi, wo), perhaps with parameters, a class
-    or a factory, whose parameters run over `ranges`; or a `Target`, which stays what it is. Raises UsageError (a ValueError)
-    for unknown names, for parameters that have no range or do not exist, and where a lobe of this package refuses their values;
-    TypeError for something that is not a BRDF.
+    `value`: a name, ``file.py:object``, a shader file (read as `reading` says), a `Family`, a BRDF, a function f(wi, wo),
+    perhaps with parameters, a class or a factory, whose parameters run over `ranges`; or a `Target`, which stays what it is.
+    Raises UsageError (a ValueError) for unknown names, for parameters that have no range or do not exist, and where a lobe of
+    this package refuses their values; TypeError for something that is not a BRDF.
     """
     ranges = {} if ranges is None else ranges
     if isinstance(value, Target):
         return value
     if isinstance(value, str):
-        return resolve([value], ranges, cos_theta)[0]
+        return resolve([value], ranges, cos_theta, reading)[0]
+    if reading is not None and not reading.is_plain:
+        raise UsageError(f"{OPTIONS} are for shader files; got {type(value).__name__}")
     from brdfcheck.brdf.callables import name_of
     from brdfcheck.brdf.family import Family
 
@@ -140,6 +145,8 @@ def as_target(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: 
             raise UsageError(no_parameter(value.name, unknown[0], value.ranges))
         angles = value.cos_theta if cos_theta is None else cos_theta
         return Target(dataclasses.replace(value, ranges={**value.ranges, **ranges}, cos_theta=angles))
+    if isinstance(value, AbstractFile):
+        return family_of(value, value.spec, ranges, cos_theta)
     if not callable(value):
         raise TypeError(f"a BRDF must be callable, f(wi, wo), or a catalogue name; got {type(value).__name__}")
     return family_of(value, name_of(value), ranges, cos_theta)
@@ -150,13 +157,26 @@ def as_family(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: 
     return as_target(value, ranges, cos_theta).family
 
 
-def load(value: Any, *, cos_theta: Range | None = None, **ranges: Range) -> Family:
-    """Anything that `brdfcheck.check` takes as a `Family`: ``load("mine.py:glossy", n=(1, 100))``.
+def load(
+    value: Any,
+    *,
+    cos_theta: Range | None = None,
+    defines: Mapping[str, str] | None = None,
+    folders: Iterable[str] = (),
+    args: str | Iterable[str] = (),
+    returns: str = "brdf",
+    **ranges: Any,
+) -> Family:
+    """Anything that `brdfcheck.check` takes as a `Family`: ``load("mine.py:glossy", n=(1, 100))``, ``load("mine.brdf")``.
 
-    `cos_theta`: the cosines of incidence, by default 0 to 1; `ranges`: closed intervals of the parameters. Raises ValueError
-    for unknown names, bad ranges, and parameters that have none; TypeError for something that is not a BRDF.
+    `cos_theta`: the cosines of incidence, by default 0 to 1; `ranges`: closed intervals of the parameters, or for a vector of
+    a shader a number for each component. For shader files: `defines`, macros; `folders`, where includes are; `args`, the roles
+    L, V, N, X, Y of the function's arguments, as in ``"L,V,N"``; `returns`, "brdf" or "brdf*cos". Raises ValueError for unknown
+    names, bad ranges, parameters that have none, and files that cannot be read; TypeError for something that is not a BRDF.
     """
-    return as_family(value, ranges, cos_theta)
+    roles = args.split(",") if isinstance(args, str) and args else args
+    words = {name: str(text) for name, text in (defines or {}).items()}
+    return as_target(value, ranges, cos_theta, Reading(words, tuple(folders), tuple(roles), returns)).family
 
 
 def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
@@ -177,6 +197,8 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
     from brdfcheck.brdf.factors import refuse_batched, varied
     from brdfcheck.brdf.family import Family, interval
 
+    if isinstance(value, AbstractFile):
+        return Target(value.family(ranges, cos_theta, no_parameter), None, value.path, value.line)
     cosines = (0.0, 1.0) if cos_theta is None else cos_theta
     ranges = {name: interval(name, bounds) for name, bounds in ranges.items()}
     file = split_spec(spec)[0] if is_file_spec(spec) else None
@@ -289,10 +311,10 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
     return target
 
 
-def named(name: str, modules: dict[str, ModuleType]) -> tuple[Any, str]:
-    """What a name stands for, a family of the catalogue, a class of this package or an object of a user's file; its full name.
+def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = None) -> tuple[Any, str]:
+    """What a name stands for, and its full name: a family of the catalogue, a class of this package, what is in a user's file.
 
-    `modules`: users' files loaded so far, which load only once. Raises UsageError.
+    `modules`: users' Python files loaded so far, which load only once; `reading`: how shader files are read. Raises UsageError.
     """
     from brdfcheck.brdf import catalog, lobes, microfacet
     from brdfcheck.brdf.base import AbstractBRDF
@@ -302,14 +324,17 @@ def named(name: str, modules: dict[str, ModuleType]) -> tuple[Any, str]:
         if inspect.isclass(found) and issubclass(found, AbstractBRDF) and not inspect.isabstract(found):
             return found, name
         if is_file_spec(name):
-            return load_object(name, modules)
+            return load_file(name, Reading() if reading is None else reading, modules)
     return catalog.entry(name).family, name
 
 
-def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None) -> list[Target]:
+def resolve(
+    names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
+) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
-    A user's file is imported here, once, however many of its objects are named. Raises UsageError.
+    A user's Python file is imported here, once, however many of its objects are named; `reading`: how shader files are read.
+    Raises UsageError.
     """
     from brdfcheck.brdf.family import Family
 
@@ -319,13 +344,15 @@ def resolve(names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range 
     known_ranges: set[str] = set()
     waiting: list[tuple[int, Any, str]] = []
     for name in names:
-        value, spec = named(name, modules)
+        value, spec = named(name, modules, reading)
         if isinstance(value, Family):
             targets.append(catalog_target(name, ranges, cos_theta))
             known_ranges |= {*targets[-1].family.ranges, *targets[-1].family.held}
         else:
             waiting.append((len(targets), value, spec))
             targets.append(Target(None))
+    if reading is not None and not reading.is_plain and not any(isinstance(value, AbstractFile) for _, value, _ in waiting):
+        raise UsageError(f"{OPTIONS} are for shader files; none of {', '.join(names)} is one")
     for index, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
         own = signature_of(value)

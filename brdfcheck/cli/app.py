@@ -13,7 +13,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -115,8 +115,36 @@ Over = Annotated[
         "--over",
         metavar="NAME=LO:HI",
         parser=words.setting,
-        help="Let a parameter run over a range, or hold it at one value with NAME=VALUE. Repeatable.",
+        help="Let a parameter run over a range, or hold it at one value with NAME=VALUE; a vector of a shader with"
+        " NAME=R,G,B. Repeatable.",
     ),
+]
+Define = Annotated[
+    list[tuple] | None,
+    typer.Option(
+        "-D",
+        metavar="NAME[=VALUE]",
+        parser=words.macro,
+        help="Shader files: define a macro, whatever the file says. Repeatable.",
+    ),
+]
+Include = Annotated[
+    list[str] | None,
+    typer.Option("-I", metavar="FOLDER", help="Shader files: look for includes in this folder too. Repeatable."),
+]
+Roles = Annotated[
+    tuple | None,
+    typer.Option(
+        "--args",
+        metavar="L,V,N,X,Y",
+        parser=words.roles,
+        help="Shader files: what the arguments of the function are, in its order: L to the light, V to the viewer, N, X, Y"
+        " the frame, any other word a parameter. [default: by their names]",
+    ),
+]
+Returns = Annotated[
+    Literal["brdf", "brdf*cos"],
+    typer.Option("--returns", help="Shader files: the function returns the BRDF, or the BRDF times the cosine at the light."),
 ]
 CosTheta = Annotated[
     words.Interval | None,
@@ -139,6 +167,13 @@ def asked(place: str = "") -> Iterator[None]:
         raise
     except ValueError as error:
         raise UsageError(f"{place}{one_line(error)}") from error
+
+
+def reading(define: Any, include: Any, args: Any, returns: str) -> Any:
+    """How shader files are read, from the options."""
+    from brdfcheck.brdf.readers.base import Reading
+
+    return Reading(dict(define or ()), tuple(include or ()), tuple(args or ()), returns)
 
 
 def start() -> None:

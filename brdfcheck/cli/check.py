@@ -14,7 +14,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import CosTheta, Debug, ExitCode, Filter, Json, Over, command, filtered, start
+from brdfcheck.cli.app import (
+    CosTheta,
+    Debug,
+    Define,
+    ExitCode,
+    Filter,
+    Include,
+    Json,
+    Over,
+    Returns,
+    Roles,
+    command,
+    filtered,
+    reading,
+    start,
+)
 from brdfcheck.cli.output import Output
 from brdfcheck.cores import available_cores
 from brdfcheck.messages import one_line
@@ -54,9 +69,13 @@ Examples:
   brdfcheck check -k phong --json results.json --junitxml results.xml
   brdfcheck check mine.py:glossy --over n=1:1000 --over ks=0:1
   brdfcheck check mine.py:measured --cos-theta 0.02:1 --json -
+  brdfcheck check disney.brdf --over metallic=1
+  brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
 
 A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3) with the normal
-along +z, in 1/sr; or a class or a factory that takes parameters and makes one.
+along +z, in 1/sr; or a class or a factory that takes parameters and makes one; or a
+shader file (.brdf, .glsl, .frag, .hlsl, .slang), whose parameters run over the ranges
+that the file gives, or over yours.
 
 \b
 Exit codes:
@@ -70,12 +89,17 @@ def _check(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="Catalogue names (brdfcheck list) or path/to/file.py:object. [default: the validated catalogue]",
+            help="Catalogue names (brdfcheck list), path/to/file.py:object, or shader files: FILE.brdf, FILE.glsl:FUNCTION."
+            " [default: the validated catalogue]",
             show_default=False,
         ),
     ] = None,
     over: Over = None,
     cos_theta: CosTheta = None,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
     tolerance: Tolerance = 1e-9,
     rtol: Rtol = None,
     substring: Filter = "",
@@ -94,7 +118,8 @@ def _check(
     the search did not settle. Also checks reciprocity, sign and finiteness.
     """
     words.refuse_same({"--json": json, "--junitxml": junitxml})
-    own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta}
+    how = reading(define, include, args, returns)
+    own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta, **how.record}
     settings = _settings(substring, tolerance, rtol, effort, jobs, **own)
     began = time.perf_counter()
     start()
@@ -103,7 +128,7 @@ def _check(
 
     wanted = filtered(names or [entry.name for entry in catalog.entries() if entry.validated], substring)
     with contextlib.redirect_stdout(sys.stderr):
-        targets = resolve(wanted, settings["over"], cos_theta)
+        targets = resolve(wanted, settings["over"], cos_theta, how)
         start()  # a user's file may have changed the precision
     return _run("check", targets, settings, Output(json), began, junitxml, debug)
 

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, ExitCode, Json, asked, command, start
+from brdfcheck.cli.app import Debug, Define, ExitCode, Include, Json, Returns, Roles, asked, command, reading, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
+    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.brdf.subject import Target
     from brdfcheck.fits.factor import FactorFit
 
@@ -73,6 +74,10 @@ def _fit(
         list[words.Setting] | None,
         typer.Option(metavar="NAME=VALUE", parser=words.setting, help="Hold another parameter at a value. Repeatable."),
     ] = None,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
     ladder: Annotated[
         bool,
         typer.Option("--ladder", help="Also compare forms of factor, from cheap to tight: their cost and the energy lost."),
@@ -110,7 +115,9 @@ def _fit(
         "over": held,
         "precision": "float64",
     }
-    return _run(settings, ladder, Output(json, alone=export is not None and export[1] == "-"), export)
+    output = Output(json, alone=export is not None and export[1] == "-")
+    how = reading(define, include, args, returns)
+    return _run(settings | how.record, how, ladder, output, export)
 
 
 def _refuse(export: tuple[Kind, str], json: str | None) -> None:
@@ -125,7 +132,7 @@ def _refuse(export: tuple[Kind, str], json: str | None) -> None:
                 raise UsageError(f"--export {kind}: {trouble}")
 
 
-def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tuple[Kind, str] | None) -> int:
+def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output, export: tuple[Kind, str] | None) -> int:
     began = time.perf_counter()
     start()
     from brdfcheck.fits.factor import fit_factor
@@ -135,7 +142,7 @@ def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tupl
 
     name, n = settings["name"], settings["n"]
     with contextlib.redirect_stdout(sys.stderr):
-        target = _target(name, n, settings["over"])
+        target = _target(name, n, settings["over"], how)
         start()  # a user's file may have changed the precision
         text = f"fitting {name} over n={n.low:g}:{n.high:g}; of plain functions half a minute"
         try:
@@ -155,7 +162,7 @@ def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tupl
         output.line(line)
     if export is not None:
         with asked():
-            output.line(_write(export, content, fit, _command(settings), output))
+            output.line(_write(export, content, fit, _command(settings, how), output))
     code = ExitCode.PASSED if fit.report.passed else ExitCode.FAILED
     result = records.fit_object(fit)
     if rungs:
@@ -165,9 +172,9 @@ def _run(settings: Mapping[str, Any], ladder: bool, output: Output, export: tupl
     return code
 
 
-def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval]) -> Target:
+def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval], how: Reading) -> Target:
     from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.readers.python import is_file_spec
+    from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import resolve
 
     if not is_file_spec(name):
@@ -176,13 +183,13 @@ def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Inter
             ranges = catalog.entry(name).family.ranges
             if "n" not in ranges:
                 raise UsageError(f"{name} has no exponent n to normalise over; it has {', '.join(ranges) or 'no parameters'}")
-    (target,) = resolve([name], {"n": exponents, **held}, None)
+    (target,) = resolve([name], {"n": exponents, **held}, None, how)
     if target.finding is not None:
         raise UsageError(target.finding)
     return target
 
 
-def _command(settings: Mapping[str, Any]) -> str:
+def _command(settings: Mapping[str, Any], how: Reading) -> str:
     """The command that makes the same export."""
     low, high = map(words.written, settings["n"])
     line = ["brdfcheck", "fit", settings["name"], "--n", f"{low}:{high}", "--objective", settings["objective"]]
@@ -190,7 +197,7 @@ def _command(settings: Mapping[str, Any]) -> str:
         line += ["--sampling", settings["sampling"]]
     for key, (value, _) in settings["over"].items():
         line += ["--over", f"{key}={words.written(value)}"]
-    return shlex.join(line)
+    return shlex.join(line + how.command)
 
 
 def _exported(kind: str, fit: FactorFit) -> Any:

@@ -15,13 +15,28 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import CosTheta, Debug, ExitCode, Json, Over, asked, command, start
+from brdfcheck.cli.app import (
+    CosTheta,
+    Debug,
+    Define,
+    ExitCode,
+    Include,
+    Json,
+    Over,
+    Returns,
+    Roles,
+    asked,
+    command,
+    reading,
+    start,
+)
 from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.brdf.subject import Target
 
 Curve = dict[str, Any]
@@ -44,6 +59,7 @@ class _Settings:
     samples: int | None
     title: str | None
     output: str | None
+    how: Reading
 
 
 @command(
@@ -100,6 +116,10 @@ def _plot(
         ),
     ] = None,
     cos_theta: CosTheta = None,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
     scale: Annotated[
         Literal["log", "linear"] | None,
         typer.Option(help="Axis of the parameter. [default: log where the range is long]"),
@@ -141,7 +161,8 @@ def _plot(
             raise UsageError(f"--output: {trouble}")
     words.refuse_same({"--output": target, "--json": json})
     values = None if n is None else n.values
-    settings = _Settings(kind, names, ranges, values, cos_theta, scale, y, samples, title, target)
+    how = reading(define, include, args, returns)
+    settings = _Settings(kind, names, ranges, values, cos_theta, scale, y, samples, title, target, how)
     return _run(settings, Output(json), json, show)
 
 
@@ -165,6 +186,7 @@ def _run(settings: _Settings, output: Output, json: str | None, show: bool) -> i
         output.line(f"wrote {target}")
     summary = {"curves": len(curves), "above_1": sum(bool(curve["above"]) for curve in curves)}
     shown = {**vars(settings), "precision": "float64"}
+    shown |= shown.pop("how").record
     output.write_json(lambda: records.document("plot", curves, settings=shown, summary=summary))
     if json not in (None, "-"):
         output.line(f"wrote {json}")
@@ -228,7 +250,7 @@ def _computed(
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 
-    targets = resolve(names, settings.over, settings.cos_theta) if names else []
+    targets = resolve(names, settings.over, settings.cos_theta, settings.how) if names else []
     start()  # a user's file may have changed the precision
     for target in targets:
         if target.finding is not None:
@@ -295,7 +317,7 @@ def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output)
 
 
 def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
-    from brdfcheck.brdf.readers.python import is_file_spec
+    from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 

@@ -33,6 +33,13 @@ class Setting(NamedTuple):
     bounds: Interval
 
 
+class Components(NamedTuple):
+    """A parameter that is a vector, and the numbers at which its components are held."""
+
+    name: str
+    values: tuple[float, ...]
+
+
 class Exponents(NamedTuple):
     """A range of exponents, or a few of them and the range they span."""
 
@@ -96,25 +103,54 @@ def exponent_list(text: str) -> Exponents:
     return Exponents(Interval(min(values), max(values)), values)
 
 
-def setting(text: str) -> Setting:
-    """``NAME=LO:HI`` or ``NAME=VALUE``. BadParameter otherwise."""
+def setting(text: str) -> Setting | Components:
+    """``NAME=LO:HI`` or ``NAME=VALUE``; for a vector ``NAME=R,G,B``, or ``NAME.r=VALUE``. BadParameter otherwise."""
     name, equals, bounds = text.partition("=")
-    if not equals or not name.strip().isidentifier():
+    if not equals or not all(part.isidentifier() for part in name.strip().split(".")):
         raise BadParameter(f"must be NAME=LO:HI or NAME=VALUE, as in n=1:1000; got {one_line(text)!r}")
     try:
+        if "," in bounds and ":" not in bounds:
+            return Components(name.strip(), tuple(map(number, bounds.split(","))))
         return Setting(name.strip(), interval(bounds))
     except BadParameter as error:
         raise BadParameter(f"{one_line(text)}: {error.message}") from None
 
 
-def together(settings: Iterable[Setting] | None) -> dict[str, Interval]:
-    """The parameters and their ranges. UsageError where one is given twice."""
+def together(settings: Iterable[Setting | Components] | None) -> dict[str, Interval]:
+    """The parameters and their ranges; a vector by its components. UsageError where one is given twice."""
     ranges: dict[str, Interval] = {}
-    for name, bounds in settings or ():
+    pairs: list[tuple[str, Interval]] = []
+    for item in settings or ():
+        if isinstance(item, Setting):
+            pairs.append((item.name, item.bounds))
+        elif len(item.values) > 4:
+            raise UsageError(f"--over {item.name}: a vector has at most 4 components; got {len(item.values)}")
+        else:
+            letters = "rgba" if len(item.values) > 2 else "xy"
+            pairs += [
+                (f"{item.name}.{letter}", Interval(value, value)) for letter, value in zip(letters, item.values, strict=False)
+            ]
+    for name, bounds in pairs:
         if name in ranges:
             raise UsageError(f"--over: the parameter {name!r} is given twice")
         ranges[name] = bounds
     return ranges
+
+
+def macro(text: str) -> tuple[str, str]:
+    """``NAME`` or ``NAME=VALUE`` of a macro; without a value it is 1. BadParameter otherwise."""
+    name, equals, value = text.partition("=")
+    if not (name.isascii() and name.isidentifier()):
+        raise BadParameter(f"must be NAME or NAME=VALUE; got {one_line(text)!r}")
+    return name, value if equals else "1"
+
+
+def roles(text: str) -> tuple[str, ...]:
+    """``L,V,N,X,Y``: what the arguments of a function are. BadParameter where L or V is missing."""
+    found = tuple(part.strip() for part in text.split(","))
+    if not {"L", "V"} <= set(found) or not all(found):
+        raise BadParameter(f"must name the arguments in order, L and V among them, as in L,V,N; got {one_line(text)!r}")
+    return found
 
 
 def share(text: str) -> float:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfcheck.brdf.readers.specs import SUFFIXES
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.output.records import SCHEMA, SCHEMA_VERSION, number
 
@@ -30,11 +31,11 @@ _NEEDED = {
 
 
 def is_curve_file(word: str) -> bool:
-    """True for what is a record or a store rather than a BRDF: by its name, or because it is there and no Python file."""
+    """True for what is a record or a store rather than a BRDF: by its name, or because it is there and no file of BRDFs."""
     bare = word.rstrip("/" + os.sep)
     if bare.endswith((".json", ".zarr")):
         return True
-    return not bare.endswith(".py") and os.path.exists(word) and ":" not in word
+    return not bare.lower().endswith(SUFFIXES) and os.path.exists(word) and ":" not in word
 
 
 def read(path: str, kind: str) -> tuple[list[Curve], list[Curve]]:

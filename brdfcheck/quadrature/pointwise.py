@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side
+from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side, with_options_of
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family, corners
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
@@ -116,7 +116,7 @@ class PointwiseAlbedo:
             return family.build(**held, **swept)
 
         build.__name__ = getattr(family.build, "__name__", family.name)
-        return build
+        return with_options_of(family.build, build)
 
     def _abstract(self, middle: dict[str, float]) -> Any:
         """The BRDF's structure where engines 1 and 2 can take it, else None."""

@@ -20,7 +20,7 @@ import numpy as np
 import pydantic
 from jaxtyping import Float
 
-from brdfcheck.brdf.readers.python import is_file_spec
+from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.documents import Model, validated
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.scene import lights, materials, meshes

@@ -75,5 +75,6 @@ def brdf_of(value: Any, parameters: Mapping[str, float]) -> AbstractBRDF:
         raise UsageError(f"{words} must be given as a number" if missing else words) from None
     if target.finding is not None:
         raise ValueError(one_line(target.finding))
-    brdf = target.family.build(**{name: low for name, (low, _) in target.family.ranges.items()})
+    family = target.family
+    brdf = family.build(**{name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items()})
     return brdf if isinstance(brdf, AbstractBRDF) else Function(brdf, target.family.name)

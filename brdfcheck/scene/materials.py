@@ -18,7 +18,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.lobes import Lambert
-from brdfcheck.brdf.readers.python import is_file_spec
+from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.functions import Function, brdf_of
 from brdfcheck.scene.furnace import directional_albedo

@@ -17,7 +17,8 @@ import numpy as np
 
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.readers.python import is_file_spec, split_spec
+from brdfcheck.brdf.readers.base import AbstractFile
+from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
 from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.functions import Adaptive
@@ -178,13 +179,15 @@ def turned(brdf: Callable[..., Any], azimuth: Any) -> Callable[..., Any]:
 
 
 def source_files(sources: Mapping[str, Source]) -> dict[str, dict[str, str]]:
-    """The texts of users' files and of the neighbours that they import: {file in the configuration: {name: text}}."""
+    """The texts of users' files and of the neighbours that these import or include: {file: {name: text}}."""
     found: dict[str, dict[str, str]] = {}
     for source in sources.values():
         if source.file is None:
             continue
         loaded = [Path(file) for module in list(sys.modules.values()) if (file := getattr(module, "__file__", None))]
         beside = [file for file in loaded if file.suffix == ".py" and file.parent == source.file.parent]
+        if isinstance(source.value, AbstractFile):
+            beside = [file for file in map(Path, source.value.files) if file.parent == source.file.parent]
         # Each byte as one character: the file may be in any encoding that Python reads, and arrives as it was.
         texts = {file.name: file.read_bytes().decode("latin-1") for file in (*beside, source.file)}
         found[split_spec(source.name)[0]] = dict(sorted(texts.items()))

@@ -23,13 +23,15 @@ _ANGLES = np.array([0.0, 0.02, 0.08, 0.25, 0.5, 0.75, 0.93, 1.0])
 
 
 class _Axis:
-    """A range of a parameter as a map from the unit interval."""
+    """A range of a parameter as a map from the unit interval. `switch`: there is nothing between its ends."""
 
-    def __init__(self, low: float, high: float):
-        self.low, self.high = low, high
+    def __init__(self, low: float, high: float, switch: bool):
+        self.low, self.high, self.switch = low, high, switch
         self.geometric = low > 0 and high / low > _GEOMETRIC
 
     def at(self, unit: np.ndarray) -> np.ndarray:
+        if self.switch:
+            return np.where(unit < 0.5, self.low, self.high)
         with np.errstate(over="ignore"):
             if self.geometric:
                 inside = np.exp((1 - unit) * np.log(self.low) + unit * np.log(self.high))
@@ -53,8 +55,9 @@ def place_of(cosine: np.ndarray | float) -> np.ndarray:
 class Box:
     """A box of swept parameters, cosines and (where `turning`) azimuths as a unit cube.
 
-    `names` are those of its axes: the swept parameters, "angle", and "azimuth". Held parameters are no axes. The azimuth is
-    a whole turn: opposite azimuths of incidence are different for a general BRDF.
+    `names` are those of its axes: the swept parameters, "angle", and "azimuth". Held parameters are no axes; `switches` are
+    those that take the ends of their ranges only. The azimuth is a whole turn: opposite azimuths of incidence are different
+    for a general BRDF.
     """
 
     def __init__(
@@ -64,9 +67,10 @@ class Box:
         *,
         turning: bool,
         fixed_angle: bool = False,
+        switches: frozenset[str] = frozenset(),
     ):
-        self.ranges = dict(ranges)
-        self._axes = {name: _Axis(low, high) for name, (low, high) in ranges.items() if low < high}
+        self.ranges, self.switches = dict(ranges), switches
+        self._axes = {name: _Axis(low, high, name in switches) for name, (low, high) in ranges.items() if low < high}
         self.swept = tuple(self._axes)
         self.cosines = (cos_theta[1], cos_theta[1]) if fixed_angle else cos_theta
         self._t = tuple(float(place_of(cosine)) for cosine in self.cosines)

@@ -140,7 +140,11 @@ class Confirmation:
         assert rtol is not None
         _, mu, _ = surface.box.physical(place[None])
         held = surface.box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
-        inner = Box(surface.box.ranges, (1.0, 1.0), turning=surface.box.turning) if held else surface.box
+        inner = (
+            Box(surface.box.ranges, (1.0, 1.0), turning=surface.box.turning, switches=surface.box.switches)
+            if held
+            else surface.box
+        )
         if held and mixed is not None:
             mixed = np.delete(np.delete(mixed, angle, axis=0), angle, axis=1)
         value, error, near = surface.beside(place, rtol, limit=limit)

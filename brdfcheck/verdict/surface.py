@@ -39,7 +39,9 @@ class Surface:
         self.albedo, self._watch = albedo, watch
         self.theorem = albedo.monotone and family.cos_theta[1] == 1
         # A function may turn out to be anisotropic in a place where it was not asked: scans look at all azimuths.
-        self.box = Box(family.ranges, family.cos_theta, turning=not albedo.fast, fixed_angle=self.theorem)
+        self.box = Box(
+            family.ranges, family.cos_theta, turning=not albedo.fast, fixed_angle=self.theorem, switches=family.switches
+        )
         self.rtol = rtol if rtol is not None or albedo.fast else max(_VERDICT, _ROUNDINGS * albedo.epsilon)
         # An extrapolation makes errors larger, and the limit of many a BRDF is 1.
         self.rtol_of_limits = max(_LIMITS, _ROUNDINGS * albedo.epsilon) if rtol is None else rtol
@@ -117,7 +119,7 @@ class Surface:
 
     def without_azimuth(self) -> None:
         """From now on without an axis for the azimuth."""
-        self.box = Box(self.box.ranges, self.box.cosines, turning=False)
+        self.box = Box(self.box.ranges, self.box.cosines, turning=False, switches=self.box.switches)
 
     def unknown(self) -> bool:
         """True where the albedo is not a number at more than single angles, beside which it is one."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import itertools
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from brdfcheck.brdf.readers.specs import split_spec
 from brdfcheck.messages import UsageError, one_line
 
 _count = itertools.count(1)
@@ -24,19 +24,6 @@ class _SourceLoader(SourceFileLoader):
 
     def get_code(self, fullname: str) -> Any:
         return self.source_to_code(self.get_data(self.path), self.path)
-
-
-def split_spec(spec: str) -> tuple[str, str | None]:
-    """``path/to/file.py:object`` -> (path, object); the object is None where only a file is given."""
-    path, colon, name = spec.rpartition(":")
-    if not colon or name.endswith(".py") or "/" in name:
-        return spec, None
-    return path, name
-
-
-def is_file_spec(name: str) -> bool:
-    """True for what looks like ``file.py:object`` or a path rather than a catalogue name."""
-    return ":" in name or name.endswith(".py") or "/" in name or os.sep in name
 
 
 def load_module(path_text: str) -> ModuleType:

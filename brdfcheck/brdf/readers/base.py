@@ -1,0 +1,94 @@
+"""What a reader makes of a file, and how it is told what the file does not say itself."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from brdfcheck.messages import UsageError, one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.family import Family
+
+RETURNS = ("brdf", "brdf*cos")
+"""What a function may return: the BRDF, or the BRDF times the cosine at the light."""
+OPTIONS = "-D, -I, --args and --returns"
+"""The options of a `Reading`, for messages."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How shader files are read.
+
+    `defines`: macros; `folders`: where includes are looked for; `arguments`: the roles L, V, N, X, Y of a function's arguments,
+    in its order (any other word stands for a parameter); `returns`: one of `RETURNS`. UsageError for anything else.
+    """
+
+    defines: Mapping[str, str] = field(default_factory=dict)
+    folders: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
+    returns: str = "brdf"
+
+    def __post_init__(self) -> None:
+        if self.returns not in RETURNS:
+            raise UsageError(f"what a function returns is {' or '.join(RETURNS)}; got {one_line(self.returns)!r}")
+        for name in self.defines:
+            if not (name.isascii() and name.isidentifier()):
+                raise UsageError(f"{one_line(name)!r} is no name of a macro")
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The options that differ from the usual ones, for records of what was done."""
+        usual = Reading()
+        return (
+            {} if self.is_plain else {"reading": {key: value for key, value in vars(self).items() if value != vars(usual)[key]}}
+        )
+
+    @property
+    def command(self) -> list[str]:
+        """The options as words of a command line."""
+        words = [part for name, value in self.defines.items() for part in ("-D", f"{name}={value}")]
+        words += [part for folder in self.folders for part in ("-I", folder)]
+        words += ["--args", ",".join(self.arguments)] if self.arguments else []
+        return words + (["--returns", self.returns] if self.returns != RETURNS[0] else [])
+
+    @property
+    def is_plain(self) -> bool:
+        """True where nothing is asked for."""
+        return not (self.defines or self.folders or self.arguments) and self.returns == RETURNS[0]
+
+
+class AbstractFile(abc.ABC):
+    """A file that has been read and holds a BRDF with parameters.
+
+    `spec`: its name; `path`, `line`: where the BRDF is; `files`: all that were read for it; `names`: what ranges can be given
+    for; `required`: for which they must be; `whole`: which of them are whole numbers.
+    """
+
+    path: str
+    line: int | None
+    files: tuple[str, ...]
+
+    @property
+    @abc.abstractmethod
+    def spec(self) -> str: ...
+
+    @property
+    @abc.abstractmethod
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    @abc.abstractmethod
+    def required(self) -> tuple[str, ...]: ...
+
+    @property
+    @abc.abstractmethod
+    def whole(self) -> frozenset[str]: ...
+
+    @abc.abstractmethod
+    def family(
+        self, ranges: Mapping[str, Any], cos_theta: tuple[float, float] | None, no_parameter: Callable[..., str]
+    ) -> Family:
+        """The family over these ranges. `no_parameter` words that a name is unknown. UsageError where they do not belong."""

@@ -1,0 +1,79 @@
+"""Functions that HLSL and Slang have besides those of GLSL."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from brdfcheck.brdf.readers.glsl import arithmetic, matrices
+from brdfcheck.brdf.readers.glsl.arithmetic import add, convert, folded, known, least, most, multiply
+from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Matrix, Vector
+from brdfcheck.brdf.readers.glsl.library import Builtin, forms, lanes
+
+
+def _sincos(machine: Any, angle: Any) -> Any:
+    sine = lanes(folded(np.sin, jnp.sin))(machine, angle)
+    return (), sine, lanes(folded(np.cos, jnp.cos))(machine, angle)
+
+
+def _any(machine: Any, value: Any) -> Any:
+    del machine
+    parts = [convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))]
+    return np.bool_(any(parts)) if known(*parts) else _joined(parts, lambda a, b: a | b)
+
+
+def _all(machine: Any, value: Any) -> Any:
+    del machine
+    parts = [convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))]
+    return np.bool_(all(parts)) if known(*parts) else _joined(parts, lambda a, b: a & b)
+
+
+def _joined(parts: list[Any], operation: Any) -> Any:
+    total = parts[0]
+    for part in parts[1:]:
+        total = operation(total, part)
+    return total
+
+
+def _table() -> dict[str, list[Builtin]]:
+    found: dict[str, list[Builtin]] = {}
+
+    def put(signature: str, run: Any) -> None:
+        for name, form in forms(signature, run):
+            found.setdefault(name, []).append(form)
+
+    zero, one = np.float64(0), np.float64(1)
+    put("F saturate(F)", lanes(lambda x: least(most(x, zero), one)))
+    put("F rcp(F)", lanes(lambda m, x: arithmetic.divide(m, one, x), machine=True))
+    put("F mad(F, F, F)", lanes(lambda a, b, c: add(multiply(a, b), c)))
+    put("F fmod(F, F)", lanes(arithmetic.remainder, machine=True))
+    put("F log10(F)", lanes(arithmetic.guarded(np.log10, jnp.log10, 1), machine=True))
+    put("void sincos(F, out F, out F)", _sincos)
+    for letter in "FIUB":
+        put(f"bool any({letter})", _any)
+        put(f"bool all({letter})", _all)
+    # A matrix is kept by rows here, so that what stands on the left in HLSL stands on the right.
+    shapes = list(itertools.product((2, 3, 4), (2, 3, 4)))
+    both = ("in", "in")
+    products: list[Builtin] = [Builtin((FLOAT, FLOAT), FLOAT, lambda m, a, b: multiply(a, b), both)]
+    for size in (2, 3, 4):
+        one_vector = Vector("float", size)
+        products.append(Builtin((one_vector, one_vector), FLOAT, lambda m, a, b: matrices.dot(a, b), both))
+        products.append(Builtin((one_vector, FLOAT), one_vector, lambda m, a, b: matrices.scaled(a, b), both))
+        products.append(Builtin((FLOAT, one_vector), one_vector, lambda m, a, b: matrices.scaled(b, a), both))
+    for rows, columns in shapes:
+        shape, row, column = Matrix(rows, columns), Vector("float", columns), Vector("float", rows)
+        products.append(Builtin((shape, row), column, lambda m, a, b: matrices.vector_times(b, a), both))
+        products.append(Builtin((column, shape), row, lambda m, a, b: matrices.times_vector(b, a), both))
+        for other in (2, 3, 4):
+            result = Matrix(rows, other)
+            products.append(Builtin((shape, Matrix(columns, other)), result, lambda m, a, b: matrices.product(b, a), both))
+    found["mul"] = products
+    return found
+
+
+FOREIGN = _table()
+"""All their forms, by name."""

@@ -1,0 +1,331 @@
+"""Declarations and statements of a shader: its text as a syntax tree."""
+
+from __future__ import annotations
+
+from brdfcheck.brdf.readers.glsl import syntax
+from brdfcheck.brdf.readers.glsl.dialect import Dialect
+from brdfcheck.brdf.readers.glsl.lexer import Token
+from brdfcheck.brdf.readers.glsl.operators import Expressions
+from brdfcheck.brdf.readers.glsl.preprocessor import Source
+
+_FOREIGN = frozenset(
+    (
+        *("static", "inline", "groupshared", "extern", "public", "internal", "private", "differentiable", "no_diff"),
+        *("nointerpolation", "row_major", "column_major", "precise", "shared"),
+    )
+)
+"""Words that only HLSL and Slang use: elsewhere they may be names."""
+_QUALIFIERS = _FOREIGN | frozenset(
+    (
+        *("const", "uniform", "in", "out", "inout", "attribute", "varying", "centroid", "flat", "smooth", "noperspective"),
+        *("invariant", "highp", "mediump", "lowp", "volatile"),
+    )
+)
+
+
+def parse(source: Source, dialect: Dialect) -> syntax.File:
+    """The syntax tree of a source. ShaderError where it has none."""
+    return _Parser(source, dialect).file()
+
+
+class _Parser(Expressions):
+    def file(self) -> syntax.File:
+        """Everything, up to the end."""
+        parts: list[syntax.Node] = []
+        while self.now.kind != "end":
+            self._top(parts)
+        return syntax.File(parts)
+
+    def _top(self, parts: list[syntax.Node]) -> None:
+        """One declaration or function of the file."""
+        if self.accept(";"):
+            return
+        if self.dialect.spread:
+            self._attributes()
+            if self.accept("cbuffer"):
+                self._buffer(parts)
+                return
+        if self._precision():
+            return
+        qualifiers = self._qualifiers()
+        if qualifiers and self.accept(";"):  # layout(...) in;
+            return
+        if qualifiers and self.now.kind == "name" and not self.is_type() and self.ahead(1).text == "{":
+            self._interface(parts, qualifiers)
+            return
+        if self.is_next("struct"):
+            self._struct(parts)
+            if self.accept(";"):
+                return
+            kind = syntax.TypeName(parts[-1].at, getattr(parts[-1], "name", ""), [])
+        else:
+            kind = self._declared_type()
+        name = self.name("a name")
+        if self.is_next("("):
+            parts.append(self._function(kind, name))
+        else:
+            parts.append(self._variables(qualifiers, kind, name))
+
+    def _declared_type(self) -> syntax.TypeName:
+        if self.now.kind == "name" and not self.is_type() and self.ahead(1).kind == "name":
+            raise self.mistake(f"there is no type {self.now.text!r}")
+        if not self.is_type():
+            raise self.mistake(f"expected a declaration before {self.now.shown}")
+        return self.type_name()
+
+    def _attributes(self) -> None:
+        """``[numthreads(8, 8, 1)]`` and the like, which mean nothing here."""
+        while self.is_next("[") and self.ahead(1).kind == "name":
+            while self.now.kind != "end" and not self.accept("]"):
+                self.take()
+
+    def _precision(self) -> bool:
+        """``precision highp float;``"""
+        if not (self.is_next("precision") and self.ahead(1).text in ("highp", "mediump", "lowp")):
+            return False
+        self.take()
+        self.take()
+        self.type_name()
+        self.expect(";")
+        return True
+
+    def _qualifiers(self) -> list[str]:
+        found: list[str] = []
+        while self.now.kind == "name":
+            word = self.now.text
+            if word == "layout":
+                self.take()
+                self.expect("(")
+                while self.now.kind != "end" and not self.is_next(")"):
+                    self.take()
+                self.expect(")")
+                found.append(word)
+            elif word in _QUALIFIERS and (word not in _FOREIGN or self.dialect.spread or self.ahead(1).kind == "name"):
+                found.append(self.take().text)
+            else:
+                break
+        return found
+
+    def _struct(self, parts: list[syntax.Node]) -> None:
+        self.expect("struct")
+        name = self.name("the name of the struct")
+        fields: list[syntax.Declaration] = []
+        self.expect("{")
+        while not self.is_next("}"):
+            self._qualifiers()
+            kind = self._declared_type()
+            fields.append(self._variables([], kind, self.name("a field")))
+        self.expect("}")
+        if not fields:
+            raise self.mistake(f"the struct {name.text!r} has no fields", name.at)
+        self.types.add(name.text)
+        parts.append(syntax.StructDef(name.at, name.text, fields))
+
+    def _buffer(self, parts: list[syntax.Node]) -> None:
+        """``cbuffer Name : register(b0) { float roughness; };``: its members are uniforms."""
+        self.name("a name")
+        self._semantic()
+        self._members(parts, ["uniform"])
+
+    def _interface(self, parts: list[syntax.Node], qualifiers: list[str]) -> None:
+        """``uniform Block { float roughness; };``: its members are uniforms."""
+        self.take()
+        self._members(parts, qualifiers)
+
+    def _members(self, parts: list[syntax.Node], qualifiers: list[str]) -> None:
+        self.expect("{")
+        while not self.is_next("}"):
+            self._qualifiers()
+            kind = self._declared_type()
+            parts.append(self._variables(qualifiers, kind, self.name("a field")))
+        self.expect("}")
+        if self.now.kind == "name" and not self.dialect.spread:
+            raise self.mistake("a block of uniforms with a name of its own is not supported: leave the name out")
+        self.accept(";")
+
+    def _semantic(self) -> None:
+        """``: SV_Target`` or ``: register(b0)``, which mean nothing here."""
+        if self.dialect.spread and self.accept(":"):
+            self.name("a semantic")
+            if self.accept("("):
+                self.arguments()
+
+    def _variables(self, qualifiers: list[str], kind: syntax.TypeName, name: Token) -> syntax.Declaration:
+        """The rest of a declaration, whose first name is taken, with its semicolon."""
+        found = [self._declarator(name)]
+        while self.accept(","):
+            found.append(self._declarator(self.name("a name")))
+        if not self.is_next(";"):
+            raise self.mistake(f"expected ';' before {self.now.shown}")
+        self.take()
+        return syntax.Declaration(name.at, qualifiers, kind, found)
+
+    def _declarator(self, name: Token) -> syntax.Declarator:
+        sizes = self.sizes()
+        self._semantic()
+        return syntax.Declarator(name.at, name.text, sizes, self.initial() if self.accept("=") else None)
+
+    def _function(self, kind: syntax.TypeName, name: Token) -> syntax.Function:
+        self.expect("(")
+        parameters: list[syntax.Parameter] = []
+        if self.is_next("void") and self.ahead(1).text == ")":
+            self.take()
+        while not self.is_next(")"):
+            if parameters:
+                self.expect(",")
+            parameters.append(self._parameter())
+        self.expect(")")
+        self._semantic()
+        if self.accept(";"):
+            return syntax.Function(name.at, kind, name.text, parameters, None)
+        return syntax.Function(name.at, kind, name.text, parameters, self._block())
+
+    def _parameter(self) -> syntax.Parameter:
+        qualifiers = self._qualifiers()
+        if not self.is_type():
+            raise self.mistake(f"expected the type of a parameter before {self.now.shown}")
+        kind = self.type_name()
+        named = self.now.kind == "name"
+        token = self.name("a parameter") if named else self.now
+        kind.sizes = [*self.sizes(), *kind.sizes]
+        self._semantic()
+        way = "inout" if {"in", "out"} <= set(qualifiers) else next((w for w in qualifiers if w in ("inout", "out")), "in")
+        return syntax.Parameter(token.at, way, kind, token.text if named else "")
+
+    # --- statements ---
+
+    def _block(self) -> syntax.Block:
+        brace = self.expect("{")
+        self.deeper()
+        found: list[syntax.Node] = []
+        while not self.is_next("}"):
+            if self.now.kind == "end":
+                raise self.mistake("expected '}' before the end of the file")
+            self._statement(found)
+        self.expect("}")
+        self.out()
+        return syntax.Block(brace.at, found)
+
+    def _single(self) -> syntax.Node:
+        """One statement, as behind an if."""
+        found: list[syntax.Node] = []
+        at = self.now.at
+        self.deeper()
+        self._statement(found)
+        self.out()
+        return found[0] if len(found) == 1 else syntax.Block(at, found)
+
+    def _statement(self, found: list[syntax.Node]) -> None:
+        if self.dialect.spread:
+            self._attributes()
+        token = self.now
+        if self.accept(";"):
+            return
+        if self.is_next("{"):
+            found.append(self._block())
+        elif self.is_next("struct"):
+            self._struct(found)
+            if not self.accept(";"):
+                name = getattr(found[-1], "name", "")
+                found.append(self._variables([], syntax.TypeName(token.at, name, []), self.name("a name")))
+        elif token.kind == "name" and token.text in ("if", "for", "while", "do", "switch", "return"):
+            found.append(getattr(self, f"_{token.text}")(self.take().at))
+        elif self.accept("break", "continue", "discard"):
+            self.expect(";")
+            found.append(syntax.Jump(token.at, token.text))
+        elif self.is_next("case", "default"):
+            raise self.mistake(f"{token.text!r} belongs into a switch")
+        elif self.is_next("else"):
+            raise self.mistake("'else' without an 'if'")
+        elif self._declares():
+            found.append(self._declaration())
+        elif not self._precision():
+            value = self.expression()
+            self.expect(";")
+            found.append(syntax.Expression(token.at, value))
+
+    def _declares(self) -> bool:
+        """True where a declaration comes next: a qualifier, or a type and a name."""
+        if self.now.kind != "name":
+            return False
+        if self.now.text in _QUALIFIERS and self.now.text not in ("in", "out", "inout"):
+            return self.ahead(1).kind == "name"
+        if not self.is_type():
+            if self.ahead(1).kind == "name" and self.now.text != "precision":
+                raise self.mistake(f"there is no type {self.now.text!r}")
+            return False
+        count = 1
+        while self.ahead(count).text == "[":
+            while self.ahead(count).text != "]" and self.ahead(count).kind != "end":
+                count += 1
+            count += 1
+        return self.ahead(count).kind == "name"
+
+    def _declaration(self) -> syntax.Declaration:
+        qualifiers = self._qualifiers()
+        kind = self._declared_type()
+        return self._variables(qualifiers, kind, self.name("a name"))
+
+    def _if(self, at: int) -> syntax.If:
+        self.expect("(")
+        condition = self.expression()
+        self.expect(")")
+        yes = self._single()
+        return syntax.If(at, condition, yes, self._single() if self.accept("else") else None)
+
+    def _for(self, at: int) -> syntax.Loop:
+        self.expect("(")
+        start: list[syntax.Node] = []
+        self._statement(start)
+        condition = None if self.is_next(";") else self.expression()
+        self.expect(";")
+        step = None if self.is_next(")") else self.expression()
+        self.expect(")")
+        return syntax.Loop(at, start[0] if start else None, condition, step, self._single())
+
+    def _while(self, at: int) -> syntax.Loop:
+        self.expect("(")
+        condition = self.expression()
+        self.expect(")")
+        return syntax.Loop(at, None, condition, None, self._single())
+
+    def _do(self, at: int) -> syntax.Loop:
+        body = self._single()
+        self.expect("while")
+        self.expect("(")
+        condition = self.expression()
+        self.expect(")")
+        self.expect(";")
+        return syntax.Loop(at, None, condition, None, body, test_first=False)
+
+    def _return(self, at: int) -> syntax.Return:
+        value = None if self.is_next(";") else self.expression()
+        self.expect(";")
+        return syntax.Return(at, value)
+
+    def _switch(self, at: int) -> syntax.Switch:
+        self.expect("(")
+        value = self.expression()
+        self.expect(")")
+        self.expect("{")
+        cases: list[syntax.Case] = []
+        self.deeper()
+        while not self.is_next("}"):
+            label = self.now
+            if self.accept("case"):
+                kind: syntax.Node | None = self.conditional()
+            elif self.accept("default"):
+                kind = None
+            else:
+                if not cases:
+                    raise self.mistake(f"expected 'case' or 'default' before {label.shown}")
+                self._statement(cases[-1].statements)
+                continue
+            self.expect(":")
+            if cases and not cases[-1].statements:
+                cases[-1].labels.append(kind)
+            else:
+                cases.append(syntax.Case(label.at, [kind]))
+        self.expect("}")
+        self.out()
+        return syntax.Switch(at, value, cases)

@@ -1,0 +1,110 @@
+#!/usr/bin/env python3
+"""Which BRDFs of the literature conserve energy as people ship them, as shader files?
+
+Command: ``brdfcheck study shader_corpus``: the twelve files of ``_instruments/shaders``, written from the papers. For files of
+your own, give their folder in the environment variable BRDFCHECK_SHADERS, or as ``python studies/shader_corpus.py FOLDER``.
+
+Answer: 6 of 12 do, 5 do not: Ward 1992 has no bound towards grazing, the principled model reaches 1.885 with everything turned
+up, Blinn-Phong with n + 8 reaches 1.0752, Oren and Nayar's model 1.0152, EON's approximate form 1.000146. Cook-Torrance comes
+to 1 within its error bar.
+
+Each file is checked over the ranges that it declares, colours white: what `brdfcheck check FILE` says. ``eon.glsl`` runs over
+its roughness.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+OURS = Path(__file__).resolve().parent / "_instruments" / "shaders"
+SMALL = ("eon.glsl", "lambert.brdf")
+RANGES: dict[str, dict[str, Any]] = {"eon.glsl": {"roughness": (0.0, 1.0)}}
+COLOURS = {"CONSERVES": "#009E73", "VIOLATES": "#D55E00", "UNDECIDED": "#777777"}
+CEILING = 4.0  # of the axis; what lies above is an arrow
+
+
+def run(size: str = "full") -> dict[str, Any]:
+    """Verdict, largest albedo and its place of each file; small: two of them, quickly."""
+    folder = Path(os.environ.get("BRDFCHECK_SHADERS") or OURS)
+    files = sorted(path for path in folder.iterdir() if path.suffix in (".brdf", ".glsl"))
+    if folder == OURS and size == "small":
+        files = [path for path in files if path.name in SMALL]
+    if not files:
+        raise ValueError(f"{folder} holds no .brdf or .glsl file")
+    results = [_checked(path, "normal" if size == "full" else "quick") for path in files]
+    counts = {verdict: sum(row["verdict"] == verdict for row in results) for verdict in COLOURS}
+    return {
+        "settings": {"files": [path.name for path in files], "ours": folder == OURS},
+        "results": results,
+        "summary": {"files": len(files), **counts, "refused": sum(row["verdict"] is None for row in results)},
+    }
+
+
+def _checked(path: Path, effort: str) -> dict[str, Any]:
+    import brdfcheck
+    from brdfcheck.output import records
+
+    began = time.perf_counter()
+    try:
+        family = brdfcheck.load(str(path), **RANGES.get(path.name, {}))
+    except ValueError as error:
+        return {"name": path.name, "verdict": None, "message": str(error).replace(f"{path.parent}{os.sep}", "")}
+    report = brdfcheck.check(family, effort=effort)
+    return {**records.to_json_object(report), "name": path.name, "seconds": round(time.perf_counter() - began, 1)}
+
+
+def plot(record: dict[str, Any]) -> Any:
+    """The largest albedo of each file, with the line at 1."""
+    from brdfcheck import plots
+
+    rows = [row for row in record["results"] if row["verdict"]]
+    with plots.house_style():
+        figure = plots.empty(7.0, 0.28 * len(rows) + 1.0)
+        axes = figure.subplots()
+        for place, row in enumerate(rows):
+            value, colour = float(row["albedo"]), COLOURS[row["verdict"]]
+            shown = min(value, CEILING)
+            axes.plot([0, shown], [place, place], color=colour, linewidth=2.5, solid_capstyle="butt")
+            axes.plot([shown], [place], marker=">" if value > CEILING else "o", color=colour, markersize=6)
+            axes.text(1.01, place, _told(row), transform=axes.get_yaxis_transform(), fontsize=7, va="center", color=colour)
+        axes.axvline(1, color="black", linewidth=1.0)
+        axes.set(xlim=(0, CEILING * 1.03), ylim=(len(rows) - 0.4, -0.6), xlabel="largest directional albedo")
+        axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7.5)
+        axes.tick_params(axis="y", length=0)
+    return figure
+
+
+def _told(row: dict[str, Any]) -> str:
+    value = float(row["albedo"])
+    return f"{row['verdict']}, {'no bound' if value == float('inf') else f'{value:.6f}'}"
+
+
+def summary(record: dict[str, Any]) -> str:
+    """A table, and what was refused."""
+    from brdfcheck.studies import table
+
+    found, rows = record["summary"], []
+    for row in record["results"]:
+        if row["verdict"]:
+            place = ", ".join(f"{name} = {float(value):.4g}" for name, value in row["parameters"].items())
+            angle = f"{float(row['angle_degrees']):.3g}°"
+            rows.append((row["name"], row["verdict"], _told(row).split(", ")[1], place, angle))
+        else:
+            rows.append((row["name"], "refused", "", row["message"], ""))
+    return (
+        f"Of {found['files']} files {found['CONSERVES']} conserve energy over the ranges that they declare, {found['VIOLATES']}"
+        f" violate the law, {found['UNDECIDED']} are undecided.\n\n"
+        + table(("file", "verdict", "largest albedo", "at", "angle of incidence"), rows)
+    )
+
+
+if __name__ == "__main__":
+    from brdfcheck.studies import main
+
+    if len(sys.argv) > 1 and Path(sys.argv[1]).is_dir():
+        os.environ["BRDFCHECK_SHADERS"] = sys.argv.pop(1)
+    main(__file__)
