@@ -262,11 +262,12 @@ class Evaluator:
             at, table = point[rows], (which[point[rows]], block[rows])
             directions, share = wo[table], weight[table]
             values = self._evaluate(parameters[at], wi[at][:, :, None], turn[at], directions)
-            found = np.einsum("rkc,rk->rc", values, share, dtype=float)
+            with np.errstate(all="ignore"):
+                found = np.matmul(share[:, None], values)[:, 0]
             if not np.all(np.isfinite(found)) or values.min() < 0:
                 finite = np.isfinite(values)
                 values = np.where(finite, values, 0)
-                found = np.einsum("rkc,rk->rc", values, share, dtype=float)
+                found = np.matmul(share[:, None], values)[:, 0]
                 c, s = turn[at].T[:, :, None]
                 x, y, z = np.moveaxis(directions, 1, 0)
                 note(at, np.stack([c * x - s * y, s * x + c * y, z], axis=1), values, finite, share)

@@ -35,6 +35,8 @@ _BLUR = 1e-13
 # How many roundings an evaluation is taken to contain; from what size on a number counts as infinite.
 _ROUNDINGS = 16
 _INFINITE = 1e290
+# Multiplications in a product of matrices that BLAS does in one thread.
+_ALONE = 200_000
 
 # What Kronrod adds to the nodes of the seven-point Gauss rule, from QUADPACK.
 _ADDED = np.array([0.991455371120812640, 0.864864423359769073, 0.586087235467691130, 0.207784955007898468])
@@ -103,6 +105,12 @@ class _Measured(NamedTuple):
     axis: np.ndarray  # (boxes,): the one with the larger error
 
 
+def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """rows @ matrix, in pieces below what BLAS shares out among threads of its own: the cores are busy already."""
+    step = max(1, _ALONE // matrix.size)
+    return np.concatenate([rows[i : i + step] @ matrix for i in range(0, len(rows), step)])
+
+
 class _Integrand:
     """`evaluate` seen through boxes; keeps count of what it was asked for."""
 
@@ -127,27 +135,38 @@ class _Integrand:
             raise ValueError(f"evaluate must return shape ({count},) or ({count}, channels); got {answer.shape}")
         self.scalar = answer.ndim == 1
         precision = np.finfo(answer.dtype if np.issubdtype(answer.dtype, np.floating) else float).eps
+        # A row for each box and channel, so that all that follows is products of matrices.
         answer = answer.astype(float).reshape(*weight.shape, -1)
+        channels = answer.shape[-1]
+        answer = np.ascontiguousarray(np.moveaxis(answer, 2, 1))  # (boxes, channels, points)
         good = np.abs(answer) < _INFINITE
         self.evaluations += count
-        self.nonfinite += count - int(np.count_nonzero(np.all(good, axis=-1)))
-        values = np.where(good, answer, 0) * weight[..., None]
-        nodes, probes = values[:, :_TENSOR], values[:, _TENSOR:]
-        surprise = np.abs(probes - np.matmul(_PREDICTION, nodes))
-        nodes = nodes.reshape(len(nodes), _NODES.size, _NODES.size, -1)
-        kronrod = _WEIGHTS[0]
-        # (boxes, rule, line, channels), the rules along the first axis and along the second.
-        lines = np.einsum("ri,bijc->brjc", _WEIGHTS, nodes), np.einsum("rj,bijc->bric", _WEIGHTS, nodes)
-        error = np.stack([np.einsum("blc,l->bc", np.hypot(line[:, 1], line[:, 2]), kronrod) for line in lines], axis=1)
-        # (boxes, axis, face, probe, channels). What is wrong all along a face calls for cuts parallel to it, what is
-        # wrong at some of its probes only for cuts across it.
-        surprise = surprise.reshape(len(nodes), 2, 2, -1, nodes.shape[-1])
-        whole, local = surprise.mean(axis=(2, 3)), surprise.std(axis=3).mean(axis=2)
-        error += _SKIN_WEIGHT * (whole + local[:, ::-1])
-        value = np.einsum("blc,l->bc", lines[0][:, 0], kronrod)
-        total = np.einsum("bijc,i,j->bc", np.abs(nodes), kronrod, kronrod)
+        if not np.all(good):
+            self.nonfinite += int(np.count_nonzero(~np.all(good, axis=1)))
+            answer = np.where(good, answer, 0)
+        values = (answer * weight[:, None]).reshape(-1, _POINTS.count)
+        nodes, probes = np.ascontiguousarray(values[:, :_TENSOR]), values[:, _TENSOR:]
+        side, kronrod = _NODES.size, _WEIGHTS[0]
+        # The rules along the first axis and along the second: (rows, line, rule).
+        square = nodes.reshape(-1, side, side)
+        first, second = (
+            _product(part.reshape(-1, side), _WEIGHTS.T).reshape(-1, side, 3) for part in (square.transpose(0, 2, 1), square)
+        )
+        error = np.stack(
+            [np.einsum("bl,l->b", np.hypot(line[..., 1], line[..., 2]), kronrod) for line in (first, second)], axis=1
+        )
+        # (rows, axis, face, probe). What is wrong all along a face calls for cuts parallel to it, what is wrong at some of its
+        # probes only for cuts across it.
+        surprise = np.abs(probes - _product(nodes, _PREDICTION.T)).reshape(len(nodes), 2, 2, -1)
+        mean = np.einsum("bafp->baf", surprise) / surprise.shape[-1]
+        square = np.einsum("bafp,bafp->baf", surprise, surprise) / surprise.shape[-1]
+        local = np.sqrt(np.maximum(square - mean * mean, 0)).mean(axis=2)
+        error += _SKIN_WEIGHT * (mean.mean(axis=2) + local[:, ::-1])
+        total = np.einsum("bn,n->b", np.abs(nodes), np.outer(kronrod, kronrod).ravel()).reshape(-1, channels)
+        value = np.einsum("bl,l->b", first[..., 0], kronrod).reshape(-1, channels)
+        error = error.reshape(-1, channels, 2)
         noise = _ROUNDINGS * precision * total
-        axis, error = np.argmax(error.max(axis=-1), axis=1), error.sum(axis=1)
+        axis, error = np.argmax(error.max(axis=1), axis=1), error.sum(axis=2)
         # Directions are rounded too: this close to a seed nothing is to be learnt from smaller boxes.
         blurred = (boxes.patch[:, 4] != 0) & (CENTRE * np.sinh(boxes.low[:, 0] + boxes.size[:, 0]) < _BLUR)
         noise = np.where(blurred[:, None], total, noise)

@@ -173,6 +173,8 @@ class _Beside:
 
     def __call__(self, wo: np.ndarray) -> np.ndarray:
         values = self._evaluate(np.broadcast_to(self._wi, wo.shape), wo)
+        if np.all(np.isfinite(values)):
+            return values
         # Weights vanish on the horizon itself: what happens there does not count.
         bad = ~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)) & (wo[:, 2] > 0)
         if not np.any(bad):

@@ -58,10 +58,14 @@ class GradedRule:
         reach = np.where(_OUTER[:, None], elevation / 2, theta / 2)
         height = np.where(_AT_NORMAL[:, None], np.pi / 2, elevation)
         pieces = [*self._triangles(reach, height, mu), *self._rectangles(reach, height), self._horizon(elevation)]
-        x, y, z, weight = (np.concatenate([piece[i] for piece in pieces], axis=1) for i in range(4))
-        # Both sides of the plane of incidence.
-        wo = np.stack([np.tile(x, 2), np.concatenate([y, -y], axis=1), np.tile(z, 2)], axis=1)
-        return wo, np.tile(weight, 2)
+        wo, weight = np.empty((len(mu), 3, 2, self.size // 2)), np.empty((len(mu), 2, self.size // 2))
+        start = 0
+        for x, y, z, share in pieces:  # both sides of the plane of incidence
+            part = slice(start, start := start + x.shape[1])
+            wo[:, 0, :, part], wo[:, 2, :, part] = x[:, None], z[:, None]
+            wo[:, 1, 0, part], wo[:, 1, 1, part] = y, -y
+            weight[:, :, part] = share[:, None]
+        return wo.reshape(len(mu), 3, -1), weight.reshape(len(mu), -1)
 
     def _triangles(self, reach: np.ndarray, height: np.ndarray, mu: np.ndarray) -> list[tuple[np.ndarray, ...]]:
         (u, du), (v, dv) = gauss(self.radial), gauss(self.angular)

@@ -361,8 +361,9 @@ def _in_blocks(wo: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarr
     size = weight.shape[1]
     blocks = -(-size // BLOCK)
     spare = blocks * BLOCK - size
-    wo = np.pad(wo, ((0, 0), (0, 0), (0, spare)), mode="edge").reshape(len(wo), 3, blocks, BLOCK)
-    return np.moveaxis(wo, 1, 2), np.pad(weight, ((0, 0), (0, spare))).reshape(len(wo), blocks, BLOCK)
+    wo = np.concatenate([wo, np.repeat(wo[..., -1:], spare, axis=2)], axis=2).reshape(len(wo), 3, blocks, BLOCK)
+    weight = np.concatenate([weight, np.zeros((len(weight), spare))], axis=1)
+    return np.moveaxis(wo, 1, 2), weight.reshape(len(wo), blocks, BLOCK)
 
 
 def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
