@@ -96,8 +96,8 @@ def summary(record: dict[str, Any]) -> str:
         else:
             rows.append((row["name"], "refused", "", row["message"], ""))
     return (
-        f"Of {found['files']} files {found['CONSERVES']} conserve energy over the ranges that they declare, {found['VIOLATES']}"
-        f" violate the law, {found['UNDECIDED']} are undecided.\n\n"
+        f"{found['files']} files over the ranges that they declare: conserve {found['CONSERVES']}, violate the law"
+        f" {found['VIOLATES']}, undecided {found['UNDECIDED']}.\n\n"
         + table(("file", "verdict", "largest albedo", "at", "angle of incidence"), rows)
     )
 

@@ -23,7 +23,7 @@ from brdfcheck.processes import Finished
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDIES = studies.find()
 # Seconds of studies that may take more than two minutes: this one is a process for each family, twice.
-LONG = {"user_brdfs": 480}
+LONG = {"shader_corpus": 180, "user_brdfs": 480}
 
 
 @functools.cache
