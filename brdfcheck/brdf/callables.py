@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -18,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from brdfcheck.cores import available_cores
+from brdfcheck.cores import available_cores, side_by_side
 from brdfcheck.runtime import double_precision, understood
 
 _log = logging.getLogger("brdfcheck")
@@ -436,19 +435,3 @@ def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:
     sine = np.sqrt((1 - cosine) * (1 + cosine))
     wi, wo = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
     return wi[:count], wo[:count]
-
-
-_inside = threading.local()
-
-
-def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any]) -> list[Any]:
-    """`function` of all pieces, on as many cores as there are. What the function itself runs in this way runs on its core."""
-    workers = min(len(available_cores()), len(pieces), 8)
-    if workers < 2 or getattr(_inside, "worker", False):
-        return [function(piece) for piece in pieces]
-
-    def begin() -> None:
-        _inside.worker = True
-
-    with ThreadPoolExecutor(workers, initializer=begin) as pool:
-        return list(pool.map(function, pieces))

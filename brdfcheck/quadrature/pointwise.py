@@ -16,9 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.callables import BLOCK, Evaluator, side_by_side, with_options_of
+from brdfcheck.brdf.callables import BLOCK, Evaluator, with_options_of
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family, corners
+from brdfcheck.cores import side_by_side
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.functions import Adaptive, adaptive_albedo
