@@ -223,7 +223,10 @@ def _table() -> dict[str, list[Builtin]]:
 
     def put(signature: str, run: Callable[..., Any]) -> None:
         for name, form in forms(signature, run):
-            found.setdefault(name, []).append(form)
+            known_forms = found.setdefault(name, [])
+            # "F max(F, F)" and "F max(F, float)" are the same for scalars.
+            if all(form.types != other.types for other in known_forms):
+                known_forms.append(form)
 
     for name, function in _TRIGONOMETRY.items():
         put(f"F {name}(F)", lanes(function))
