@@ -97,7 +97,27 @@ def _mod(machine: Any, a: Any, b: Any) -> Any:
 
 
 def _atan2(machine: Any, y: Any, x: Any) -> Any:
-    return np.arctan2(y, x) if known(x, y) else jnp.arctan2(y, arithmetic.safe(machine, x, 1))
+    if known(x, y):
+        return np.arctan2(y, x)
+    x = arithmetic.safe(machine, x, 1)
+    # At (0, 0), where GLSL has no value, it is 0, and its slope counts as 0: phi is not needed at the pole.
+    pole, one, zero = (x == 0) & (y == 0), np.float64(1), np.float64(0)
+    return choose(pole, zero, jnp.arctan2(y, choose(pole, one, x)))
+
+
+def _edged(numpy_function: Any, jax_function: Any) -> Callable[..., Any]:
+    """An inverse of the sine or cosine. At -1 and 1 its slope counts as 0: it stands behind clamp(x, -1, 1) nearly always."""
+
+    def function(machine: Any, value: Any) -> Any:
+        if known(value):
+            return numpy_function(value)
+        value = arithmetic.safe(machine, value, 0)
+        inside, zero = abs(value) < 1, np.float64(0)
+        edge = choose(value > 0, np.float64(numpy_function(1.0)), np.float64(numpy_function(-1.0)))
+        edge = choose(abs(value) == 1, edge, np.float64(np.nan))
+        return choose(inside, jax_function(choose(inside, value, zero)), edge)
+
+    return function
 
 
 def _refract(machine: Any, ray: Any, normal: Any, eta: Any) -> Any:
@@ -194,8 +214,8 @@ _TRIGONOMETRY = {
 }
 _GUARDED = {
     "tan": guarded(np.tan, jnp.tan, 0),
-    "asin": guarded(np.arcsin, jnp.arcsin, 0),
-    "acos": guarded(np.arccos, jnp.arccos, 0),
+    "asin": _edged(np.arcsin, jnp.arcsin),
+    "acos": _edged(np.arccos, jnp.arccos),
     "atan": guarded(np.arctan, jnp.arctan, 0),
     "sinh": guarded(np.sinh, jnp.sinh, 0),
     "cosh": guarded(np.cosh, jnp.cosh, 0),
