@@ -67,6 +67,11 @@ SHADERS: dict[str, tuple[str, str, str]] = {
         "4:27",
         "no recursion",
     ),
+    "recursion behind a global": (
+        "float g(float a) { return g(a); }\nfloat K = g(1.0);\nfloat f(vec3 L, vec3 V) { return K; }",
+        "2:27",
+        r"g\(\) calls itself",
+    ),
     "mismatch": ("float f(vec3 L, vec3 V) { return (vec2(1) + vec3(1)).x; }", "2:43", r"'\+' does not take vec2 and vec3"),
     "no implicit int": ("float f(vec3 L, vec3 V) { int a = 1.5; return 1.0; }", "2:35", "must be int; got float"),
     "bool arithmetic": ("float f(vec3 L, vec3 V) { return true + 1.0; }", "2:39", r"'\+' does not take bool and float"),

@@ -76,3 +76,17 @@ TEXTS: dict[str, tuple[str, dict[str, Any], float | list[float]]] = {
 def test_what_stands_around_the_language(tmp_path: Path, name: str) -> None:
     text, ranges, expected = TEXTS[name]
     assert np.asarray(family(tmp_path, text, **ranges).build()(LIGHT, VIEW))[0] == pytest.approx(expected, rel=1e-14)
+
+
+# What f(float3 L, float3 V) returns in HLSL, and its value.
+HLSL: dict[str, float] = {
+    "asfloat(asuint(1.5)) + asfloat(asint(2.0)) + reversebits(1u) / 2147483648.0 + countbits(7u)": 7.5,
+    "dot(L > 0.1 ? 1.0 : float3(1, 2, 3), float3(1, 10, 100))": 121,
+    "(L.x > 0.1 ? 1 : 2) + fmod(-5.5, 2.0)": -0.5,
+}
+
+
+@pytest.mark.parametrize("expression", HLSL)
+def test_what_hlsl_has_besides(tmp_path: Path, expression: str) -> None:
+    text = f"float f(float3 L, float3 V) {{ return {expression}; }}"
+    assert np.asarray(family(tmp_path, text, "shader.hlsl").build()(LIGHT, VIEW))[0] == pytest.approx(HLSL[expression])

@@ -147,8 +147,7 @@ class Calls(Constructors):
     def _user(self, routine: Routine, arguments: list[Typed], node: syntax.Call) -> Typed:
         if routine.body is None:
             raise self.mistake(node.at, f"{routine.name}() is declared and nowhere defined")
-        if self.caller is not None:
-            self.calls.setdefault(id(self.caller), []).append((routine, node.at))
+        self.calls.setdefault(id(self.caller), []).append((routine, node.at))
         self.names.called(routine)
         self.wanted(routine, node.at)
         places = self._places(routine.ways, routine.types, arguments, node)

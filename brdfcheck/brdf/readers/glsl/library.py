@@ -185,12 +185,13 @@ def _pairs(function: Callable[[Any], tuple[Any, Any]]) -> Callable[..., Any]:
     return run
 
 
-def _bits(value: Any, kind: Any) -> Any:
+def bits(value: Any, kind: Any) -> Any:
     """The bits of a number of single precision as a whole number."""
     return np.float32(value).view(kind) if known(value) else jax.lax.bitcast_convert_type(value.astype(jnp.float32), kind)
 
 
-def _from_bits(value: Any) -> Any:
+def from_bits(value: Any) -> Any:
+    """The number of single precision with the bits of a whole number."""
     return (
         np.float64(value.view(np.float32)) if known(value) else jax.lax.bitcast_convert_type(value, jnp.float32).astype(float)
     )
@@ -278,10 +279,10 @@ def _table() -> dict[str, list[Builtin]]:
         put(form, lanes(_smoothstep, machine=True))
     put("B isnan(F)", lanes(folded(np.isnan, jnp.isnan)))
     put("B isinf(F)", lanes(folded(np.isinf, jnp.isinf)))
-    put("I floatBitsToInt(F)", lanes(lambda x: _bits(x, np.int32)))
-    put("U floatBitsToUint(F)", lanes(lambda x: _bits(x, np.uint32)))
-    put("F intBitsToFloat(I)", lanes(_from_bits))
-    put("F uintBitsToFloat(U)", lanes(_from_bits))
+    put("I floatBitsToInt(F)", lanes(lambda x: bits(x, np.int32)))
+    put("U floatBitsToUint(F)", lanes(lambda x: bits(x, np.uint32)))
+    put("F intBitsToFloat(I)", lanes(from_bits))
+    put("F uintBitsToFloat(U)", lanes(from_bits))
     # Geometry.
     put("float length(F)", matrices.length)
     put("float distance(F, F)", lambda machine, a, b: matrices.length(machine, matrices.minus(a, b)))

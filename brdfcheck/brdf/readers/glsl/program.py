@@ -130,7 +130,8 @@ class Program(Statements):
             while self._waiting:
                 self._compile_one(self._waiting[0][0])
                 self._waiting.pop(0)
-            self._refuse_recursion(routine)
+            for first in (routine, *(called for called, _ in self.calls.get(id(None), ()))):
+                self._refuse_recursion(first)
         except RecursionError:
             raise mistake(self.source.position(routine.node.at), "nested too deeply") from None
 
