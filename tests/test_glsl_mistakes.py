@@ -100,6 +100,7 @@ SHADERS: dict[str, tuple[str, str, str]] = {
     ),
     "no macro name": ("#define 3 4\nfloat f(vec3 L, vec3 V) { return 1.0; }", "2:1", "'3' is no name of a macro"),
     "no file to include": ("#include\nfloat f(vec3 L, vec3 V) { return 1.0; }", "2:1", "an include is written"),
+    "uniform inside": ("float f(vec3 L, vec3 V) { uniform float a; return a; }", "2:41", "'uniform' belongs outside"),
     "uniform": ("uniform float u;\nfloat f(vec3 L, vec3 V) { u = 2.0; return u; }", "3:29", "'u' cannot be assigned to"),
     "no variable": ("float f(vec3 L, vec3 V) { 1.0 = 2.0; return 1.0; }", "2:31", "this is no variable"),
     "twice the same": ("float f(vec3 L, vec3 V) { vec3 a; a.xx = vec2(1); return a.x; }", "2:40", "names a component twice"),
@@ -176,6 +177,8 @@ BLOCKS: dict[str, tuple[str, int, str]] = {
     "bounds": ("analytic\n::begin parameters\nfloat a 2 1 1\n", 3, "MIN must not exceed MAX; got 2 > 1"),
     "bool": ("analytic\n::begin parameters\nbool a 2\n", 3, "a bool is 0 or 1; got 2"),
     "name": ("analytic\n::begin parameters\nbool 2a 1\n", 3, "'2a' is no name"),
+    "reserved name": ("analytic\n::begin parameters\nbool for 1\n", 3, "'for' is no name"),
+    "name of a type": ("analytic\n::begin parameters\nfloat vec3 0 1 0\n", 3, "'vec3' is no name"),
     "twice": ("analytic\n::begin parameters\nbool a 1\nfloat a 0 1 0\n", 4, "two parameters 'a'"),
 }
 

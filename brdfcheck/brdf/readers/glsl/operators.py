@@ -35,7 +35,7 @@ BUILTIN_TYPES = frozenset(
         *(f"sampler{kind}Shadow" for kind in ("1D", "2D", "Cube", "2DRect", "1DArray", "2DArray")),
     )
 )
-_RESERVED = frozenset(
+RESERVED = frozenset(
     [
         "break",
         "case",
@@ -110,7 +110,7 @@ class Expressions:
             raise self.mistake(f"expected {what} before {self.now.shown}")
         if self.now.text in BUILTIN_TYPES:
             raise self.mistake(f"expected {what}; {self.now.text!r} is a type")
-        if self.now.text in _RESERVED:
+        if self.now.text in RESERVED:
             raise self.mistake(f"expected {what}; {self.now.text!r} is a word of the language")
         return self.take()
 
