@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from shaders import evaluated
+from shaders import LIGHT, VIEW, evaluated, family
 
 # Expressions in which `one` is a uniform of value 1; of a vector, the components are added with weights 1, 10, 100, 1000.
 VALUES: dict[str, float] = {
@@ -110,3 +112,20 @@ def test_functions_with_two_results(tmp_path: Path, traced: bool) -> None:
         " return vec3(a * 10.0 + w, b.y * 10.0 + v.y, m * 10.0 + float(e)); }"
     )
     assert evaluated(tmp_path, text, traced=traced) == pytest.approx([-9.5, 5.5, 11.5], rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "float z = one / zero; return zero > 0.0 ? z : one;",
+        "float z = log(zero) + inversesqrt(zero) + pow(zero, -2.0); return zero > 0.0 ? z : one;",
+        "vec2 z = normalize(vec2(zero)); return zero > 0.0 ? z.x : one;",
+        "return one + atan(zero, zero);",
+        "return one + acos(min(1.5 + zero, 1.0)) + asin(max(-1.5 + zero, -1.0)) + 1.5707963267948966;",
+    ],
+)
+def test_slopes_where_a_function_has_none_do_not_spread(tmp_path: Path, body: str) -> None:
+    text = f"uniform float one;\nfloat f(vec3 L, vec3 V) {{ float zero = one * L.y; {body} }}\n"
+    built = family(tmp_path, text, one=(0.0, 2.0)).build
+    value, slope = jax.value_and_grad(lambda one: built(one=one)(LIGHT, VIEW)[0])(jnp.asarray(1.0))
+    assert (float(value), float(slope)) == pytest.approx((1.0, 1.0), abs=1e-15)

@@ -67,6 +67,11 @@ SHADERS: dict[str, tuple[str, str, str]] = {
         "4:27",
         "no recursion",
     ),
+    "recursion behind a global": (
+        "float g(float a) { return g(a); }\nfloat K = g(1.0);\nfloat f(vec3 L, vec3 V) { return K; }",
+        "2:27",
+        r"g\(\) calls itself",
+    ),
     "mismatch": ("float f(vec3 L, vec3 V) { return (vec2(1) + vec3(1)).x; }", "2:43", r"'\+' does not take vec2 and vec3"),
     "no implicit int": ("float f(vec3 L, vec3 V) { int a = 1.5; return 1.0; }", "2:35", "must be int; got float"),
     "bool arithmetic": ("float f(vec3 L, vec3 V) { return true + 1.0; }", "2:39", r"'\+' does not take bool and float"),
@@ -80,6 +85,22 @@ SHADERS: dict[str, tuple[str, str, str]] = {
     "mixed swizzle": ("float f(vec3 L, vec3 V) { return L.xg; }", "2:36", "vec3 has no 'xg'"),
     "field": ("struct S { float a; };\nfloat f(vec3 L, vec3 V) { S s; return s.b; }", "3:41", "has no field 'b'.*it has a"),
     "constant": ("float f(vec3 L, vec3 V) { const float a = 1.0; a = 2.0; return a; }", "2:50", "'a' is constant"),
+    "constant parameter": (
+        "float g(const in float a) { a = 2.0; return a; }\nfloat f(vec3 L, vec3 V) { return g(1.0); }",
+        "2:31",
+        "the parameter 'a' is constant",
+    ),
+    "input": ("in vec3 u;\nfloat f(vec3 L, vec3 V) { u.x = 2.0; return u.x; }", "3:31", "the input 'u' cannot be assigned to"),
+    "reserved": ("float f(vec3 L, vec3 V) { float for = 2.0; return 1.0; }", "2:33", "'for' is a word of the language"),
+    "open comment": ("float f(vec3 L, vec3 V) { return 1.0; }\n /* no end\n#", "3:2", "this comment has no end"),
+    "macro arguments": (
+        "#define G(x, y) (x + y)\nfloat f(vec3 L, vec3 V) {\n return 1.0 + G(2.0); }",
+        "4:15",
+        "macro G requires 2 arguments but was passed 1",
+    ),
+    "no macro name": ("#define 3 4\nfloat f(vec3 L, vec3 V) { return 1.0; }", "2:1", "'3' is no name of a macro"),
+    "no file to include": ("#include\nfloat f(vec3 L, vec3 V) { return 1.0; }", "2:1", "an include is written"),
+    "uniform inside": ("float f(vec3 L, vec3 V) { uniform float a; return a; }", "2:41", "'uniform' belongs outside"),
     "uniform": ("uniform float u;\nfloat f(vec3 L, vec3 V) { u = 2.0; return u; }", "3:29", "'u' cannot be assigned to"),
     "no variable": ("float f(vec3 L, vec3 V) { 1.0 = 2.0; return 1.0; }", "2:31", "this is no variable"),
     "twice the same": ("float f(vec3 L, vec3 V) { vec3 a; a.xx = vec2(1); return a.x; }", "2:40", "names a component twice"),
@@ -156,6 +177,8 @@ BLOCKS: dict[str, tuple[str, int, str]] = {
     "bounds": ("analytic\n::begin parameters\nfloat a 2 1 1\n", 3, "MIN must not exceed MAX; got 2 > 1"),
     "bool": ("analytic\n::begin parameters\nbool a 2\n", 3, "a bool is 0 or 1; got 2"),
     "name": ("analytic\n::begin parameters\nbool 2a 1\n", 3, "'2a' is no name"),
+    "reserved name": ("analytic\n::begin parameters\nbool for 1\n", 3, "'for' is no name"),
+    "name of a type": ("analytic\n::begin parameters\nfloat vec3 0 1 0\n", 3, "'vec3' is no name"),
     "twice": ("analytic\n::begin parameters\nbool a 1\nfloat a 0 1 0\n", 4, "two parameters 'a'"),
 }
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from brdfcheck.brdf.readers.glsl.errors import Position, did_you_mean, mistake
 from brdfcheck.brdf.readers.glsl.kinds import BOOL, FLOAT, Type, Vector
+from brdfcheck.brdf.readers.glsl.operators import BUILTIN_TYPES, RESERVED
 
 _FORMS = "float NAME MIN MAX DEFAULT, bool NAME 0|1, color NAME R G B"
 _SECTIONS = ("parameters", "shader")
@@ -80,7 +81,7 @@ def _parameter(words: list[str], line: str, known: set[str], at: Position) -> De
     if len(rest) != counts[kind]:
         raise mistake(at, f"a parameter is written {form}; got {line.strip()[:60]!r}")
     name = rest[0]
-    if not (name.isascii() and name.isidentifier()):
+    if not (name.isascii() and name.isidentifier()) or name in RESERVED | BUILTIN_TYPES:
         raise mistake(at, f"{name!r} is no name of a parameter")
     if name in known:
         raise mistake(at, f"there are two parameters {name!r}")

@@ -131,10 +131,23 @@ def multiply(a: Any, b: Any) -> Any:
     return b if _is(a, 1) else a if _is(b, 1) else a * b
 
 
+@jax.custom_jvp
+def _quotient(a: Any, b: Any) -> Any:
+    return a / b
+
+
+@_quotient.defjvp
+def _quotient_slope(values: Any, slopes: Any) -> tuple[Any, Any]:
+    """Where b is 0 the slope counts as 0: shaders often divide first and choose another value there afterwards."""
+    (a, b), (da, db) = values, slopes
+    found, zero = a / b, b == 0
+    return found, jnp.where(zero, 0.0, da - jnp.where(zero, 0.0, found) * db) / jnp.where(zero, 1.0, b)
+
+
 def divide(machine: Masked, a: Any, b: Any) -> Any:
     """a / b; of whole numbers towards zero."""
     if a.dtype.kind == "f":
-        return a if _is(b, 1) else a / safe(machine, b, 1)
+        return a if _is(b, 1) else a / b if known(b) else _quotient(a, safe(machine, b, 1))
     if known(a, b):
         return _divided(int(a), int(b), a.dtype.type)[0]
     a, b = _whole_pair(a, b)
@@ -224,7 +237,9 @@ def power(machine: Masked, base: Any, exponent: Any) -> Any:
         return np.power(base, exponent)
     if known(exponent) and exponent == np.trunc(exponent) and abs(exponent) <= _PRODUCTS:
         whole = int(exponent)
-        return jax.lax.integer_pow(base if whole >= 0 else safe(machine, base, 1), whole)
+        return (
+            jax.lax.integer_pow(base, whole) if whole >= 0 else divide(machine, np.float64(1), power(machine, base, -exponent))
+        )
     base = safe(machine, base, 1)
     if known(base):
         return jnp.power(base, exponent)
@@ -235,7 +250,19 @@ def power(machine: Masked, base: Any, exponent: Any) -> Any:
     return where(nonzero, raised, choose(exponent > 0, zero, choose(exponent == 0, one, infinite)))
 
 
-log = guarded(np.log, jnp.log, 1)
-log2 = guarded(np.log2, jnp.log2, 1)
+def _logarithm(numpy_function: Callable[..., Any], jax_function: Callable[..., Any]) -> Callable[..., Any]:
+    """A logarithm. At 0 its slope counts as 0, as that of a quotient does."""
+
+    def function(machine: Masked, value: Any) -> Any:
+        if known(value):
+            return numpy_function(value)
+        value = safe(machine, value, 1)
+        nonzero = value != 0
+        return choose(nonzero, jax_function(choose(nonzero, value, np.float64(1))), np.float64(-np.inf))
+
+    return function
+
+
+log, log2 = _logarithm(np.log, jnp.log), _logarithm(np.log2, jnp.log2)
 exp = guarded(np.exp, jnp.exp, 0)
 exp2 = guarded(np.exp2, jnp.exp2, 0)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from brdfcheck.brdf.readers.glsl import syntax
-from brdfcheck.brdf.readers.glsl.arithmetic import known
+from brdfcheck.brdf.readers.glsl.arithmetic import choose, known
 from brdfcheck.brdf.readers.glsl.constructors import Constructors
 from brdfcheck.brdf.readers.glsl.context import converting
 from brdfcheck.brdf.readers.glsl.errors import did_you_mean
 from brdfcheck.brdf.readers.glsl.foreign import FOREIGN
-from brdfcheck.brdf.readers.glsl.kinds import NAMED, Scalar, Type, leaves_of
+from brdfcheck.brdf.readers.glsl.kinds import NAMED, Scalar, Type, each, leaves_of
 from brdfcheck.brdf.readers.glsl.library import BUILTINS, MEANINGLESS, Builtin
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
 from brdfcheck.brdf.readers.glsl.scopes import Routine, Typed
@@ -145,8 +147,7 @@ class Calls(Constructors):
     def _user(self, routine: Routine, arguments: list[Typed], node: syntax.Call) -> Typed:
         if routine.body is None:
             raise self.mistake(node.at, f"{routine.name}() is declared and nowhere defined")
-        if self.caller is not None:
-            self.calls.setdefault(id(self.caller), []).append((routine, node.at))
+        self.calls.setdefault(id(self.caller), []).append((routine, node.at))
         self.names.called(routine)
         self.wanted(routine, node.at)
         places = self._places(routine.ways, routine.types, arguments, node)
@@ -183,15 +184,18 @@ def _back(machine: Machine, back: Run | None, value: Any) -> Any:
 
 def perform(machine: Machine, routine: Routine, values: list[Any]) -> Any:
     """Run a function with these arguments."""
+    if routine.compiled is None:
+        raise KeyError(routine.name)  # nothing is known of it yet
     entry = machine.active
     for slot, value in zip(routine.slots, values, strict=True):
         machine.declare(slot, value)
     if routine.result_slot is not None:
         machine.state[routine.result_slot] = None
-    assert routine.compiled is not None
     routine.compiled(machine)
-    machine.active = entry
+    lost, machine.active = machine.active, entry
     if routine.result_slot is None:
         return ()
     found = machine.state[routine.result_slot]
-    return routine.result.zero() if found is None else found
+    found = routine.result.zero() if found is None else found
+    # Lanes that come to the end without a return have no value.
+    return found if lost is False else each(lambda x: choose(lost, np.float64(np.nan), x) if x.dtype.kind == "f" else x, found)

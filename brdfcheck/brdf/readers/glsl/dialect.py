@@ -45,7 +45,8 @@ HLSL = Dialect(
         "ddx": "dFdx",
         "ddy": "dFdy",
         "atan2": "atan",
-        "asfloat": "uintBitsToFloat",
+        "countbits": "bitCount",
+        "reversebits": "bitfieldReverse",
     },
     spread=True,
 )

@@ -269,8 +269,11 @@ class Expressions(Accesses):
         return Typed(result, both_sides)
 
     def _ternary(self, node: syntax.Ternary) -> Typed:
-        condition = self.condition(node.condition, "what stands before '?'")
         yes, no = self.value(node.yes), self.value(node.no)
+        asked = self.typed(node.condition)
+        if self.dialect.spread and isinstance(asked.type, Vector):
+            return self._by_component(asked, yes, no, node)
+        condition = self.condition(node.condition, "what stands before '?'")
         kind = yes.type
         if yes.type != no.type:
             forth, back = self.fits(yes.type, no.type), self.fits(no.type, yes.type)
@@ -289,6 +292,15 @@ class Expressions(Accesses):
             return each(lambda x, y: choose(mask, x, y), chosen, other)
 
         return Typed(kind, run)
+
+    def _by_component(self, asked: Typed, yes: Typed, no: Typed, node: syntax.Ternary) -> Typed:
+        """``v > 0 ? a : b`` of HLSL with a vector v: each component for itself."""
+        kinds = sorted((str(kind_of(yes.type)), str(kind_of(no.type))), key=lambda kind: _RANK.get(kind, 0))
+        kind = with_kind(asked.type, kinds[-1])
+        masks = self.converted(asked, with_kind(asked.type, "bool"), node.at, "what stands before '?'")
+        first = self.converted(yes, kind, node.at, "what stands behind '?'")
+        second = self.converted(no, kind, node.at, "what stands behind ':'")
+        return Typed(kind, lambda m: each(choose, masks(m), first(m), second(m)))
 
 
 def _flat(value: Any) -> list[Any]:

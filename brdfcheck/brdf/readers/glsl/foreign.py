@@ -11,7 +11,7 @@ import numpy as np
 from brdfcheck.brdf.readers.glsl import arithmetic, matrices
 from brdfcheck.brdf.readers.glsl.arithmetic import add, convert, folded, known, least, most, multiply
 from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Matrix, Vector
-from brdfcheck.brdf.readers.glsl.library import Builtin, forms, lanes
+from brdfcheck.brdf.readers.glsl.library import Builtin, bits, forms, from_bits, lanes
 
 
 def _sincos(machine: Any, angle: Any) -> Any:
@@ -51,6 +51,10 @@ def _table() -> dict[str, list[Builtin]]:
     put("F mad(F, F, F)", lanes(lambda a, b, c: add(multiply(a, b), c)))
     put("F fmod(F, F)", lanes(arithmetic.remainder, machine=True))
     put("F log10(F)", lanes(arithmetic.guarded(np.log10, jnp.log10, 1), machine=True))
+    for whole, kind in (("I", np.int32), ("U", np.uint32)):
+        name = "asint" if whole == "I" else "asuint"
+        put(f"{whole} {name}(F)", lanes(lambda x, kind=kind: bits(x, kind)))
+        put(f"F asfloat({whole})", lanes(from_bits))
     put("void sincos(F, out F, out F)", _sincos)
     for letter in "FIUB":
         put(f"bool any({letter})", _any)

@@ -36,6 +36,8 @@ def tokens(source: Source) -> list[Token]:
     at, text = 0, source.text
     while at < len(text):
         match = _TOKEN.match(text, at)
+        if text.startswith("/*", at):
+            raise mistake(source.position(at), "this comment has no end: '*/' is missing")
         if match is None:
             raise mistake(source.position(at), f"unexpected character {text[at]!r}")
         kind, word = str(match.lastgroup), match.group()

@@ -97,7 +97,27 @@ def _mod(machine: Any, a: Any, b: Any) -> Any:
 
 
 def _atan2(machine: Any, y: Any, x: Any) -> Any:
-    return np.arctan2(y, x) if known(x, y) else jnp.arctan2(y, arithmetic.safe(machine, x, 1))
+    if known(x, y):
+        return np.arctan2(y, x)
+    x = arithmetic.safe(machine, x, 1)
+    # At (0, 0), where GLSL has no value, it is 0, and its slope counts as 0: phi is not needed at the pole.
+    pole, one, zero = (x == 0) & (y == 0), np.float64(1), np.float64(0)
+    return choose(pole, zero, jnp.arctan2(y, choose(pole, one, x)))
+
+
+def _edged(numpy_function: Any, jax_function: Any) -> Callable[..., Any]:
+    """An inverse of the sine or cosine. At -1 and 1 its slope counts as 0: it stands behind clamp(x, -1, 1) nearly always."""
+
+    def function(machine: Any, value: Any) -> Any:
+        if known(value):
+            return numpy_function(value)
+        value = arithmetic.safe(machine, value, 0)
+        inside, zero = abs(value) < 1, np.float64(0)
+        edge = choose(value > 0, np.float64(numpy_function(1.0)), np.float64(numpy_function(-1.0)))
+        edge = choose(abs(value) == 1, edge, np.float64(np.nan))
+        return choose(inside, jax_function(choose(inside, value, zero)), edge)
+
+    return function
 
 
 def _refract(machine: Any, ray: Any, normal: Any, eta: Any) -> Any:
@@ -165,12 +185,13 @@ def _pairs(function: Callable[[Any], tuple[Any, Any]]) -> Callable[..., Any]:
     return run
 
 
-def _bits(value: Any, kind: Any) -> Any:
+def bits(value: Any, kind: Any) -> Any:
     """The bits of a number of single precision as a whole number."""
     return np.float32(value).view(kind) if known(value) else jax.lax.bitcast_convert_type(value.astype(jnp.float32), kind)
 
 
-def _from_bits(value: Any) -> Any:
+def from_bits(value: Any) -> Any:
+    """The number of single precision with the bits of a whole number."""
     return (
         np.float64(value.view(np.float32)) if known(value) else jax.lax.bitcast_convert_type(value, jnp.float32).astype(float)
     )
@@ -194,8 +215,8 @@ _TRIGONOMETRY = {
 }
 _GUARDED = {
     "tan": guarded(np.tan, jnp.tan, 0),
-    "asin": guarded(np.arcsin, jnp.arcsin, 0),
-    "acos": guarded(np.arccos, jnp.arccos, 0),
+    "asin": _edged(np.arcsin, jnp.arcsin),
+    "acos": _edged(np.arccos, jnp.arccos),
     "atan": guarded(np.arctan, jnp.arctan, 0),
     "sinh": guarded(np.sinh, jnp.sinh, 0),
     "cosh": guarded(np.cosh, jnp.cosh, 0),
@@ -223,7 +244,10 @@ def _table() -> dict[str, list[Builtin]]:
 
     def put(signature: str, run: Callable[..., Any]) -> None:
         for name, form in forms(signature, run):
-            found.setdefault(name, []).append(form)
+            known_forms = found.setdefault(name, [])
+            # "F max(F, F)" and "F max(F, float)" are the same for scalars.
+            if all(form.types != other.types for other in known_forms):
+                known_forms.append(form)
 
     for name, function in _TRIGONOMETRY.items():
         put(f"F {name}(F)", lanes(function))
@@ -255,10 +279,10 @@ def _table() -> dict[str, list[Builtin]]:
         put(form, lanes(_smoothstep, machine=True))
     put("B isnan(F)", lanes(folded(np.isnan, jnp.isnan)))
     put("B isinf(F)", lanes(folded(np.isinf, jnp.isinf)))
-    put("I floatBitsToInt(F)", lanes(lambda x: _bits(x, np.int32)))
-    put("U floatBitsToUint(F)", lanes(lambda x: _bits(x, np.uint32)))
-    put("F intBitsToFloat(I)", lanes(_from_bits))
-    put("F uintBitsToFloat(U)", lanes(_from_bits))
+    put("I floatBitsToInt(F)", lanes(lambda x: bits(x, np.int32)))
+    put("U floatBitsToUint(F)", lanes(lambda x: bits(x, np.uint32)))
+    put("F intBitsToFloat(I)", lanes(from_bits))
+    put("F uintBitsToFloat(U)", lanes(from_bits))
     # Geometry.
     put("float length(F)", matrices.length)
     put("float distance(F, F)", lambda machine, a, b: matrices.length(machine, matrices.minus(a, b)))

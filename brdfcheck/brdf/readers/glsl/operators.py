@@ -35,6 +35,31 @@ BUILTIN_TYPES = frozenset(
         *(f"sampler{kind}Shadow" for kind in ("1D", "2D", "Cube", "2DRect", "1DArray", "2DArray")),
     )
 )
+RESERVED = frozenset(
+    [
+        "break",
+        "case",
+        "const",
+        "continue",
+        "default",
+        "discard",
+        "do",
+        "else",
+        "false",
+        "for",
+        "if",
+        "in",
+        "inout",
+        "out",
+        "return",
+        "struct",
+        "switch",
+        "true",
+        "uniform",
+        "while",
+    ]
+)
+"""Words that are no names."""
 _MOST_DEPTH = 60
 
 
@@ -85,6 +110,8 @@ class Expressions:
             raise self.mistake(f"expected {what} before {self.now.shown}")
         if self.now.text in BUILTIN_TYPES:
             raise self.mistake(f"expected {what}; {self.now.text!r} is a type")
+        if self.now.text in RESERVED:
+            raise self.mistake(f"expected {what}; {self.now.text!r} is a word of the language")
         return self.take()
 
     def mistake(self, message: str, at: int | None = None) -> ShaderError:

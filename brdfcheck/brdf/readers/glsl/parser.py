@@ -107,8 +107,8 @@ class _Parser(Expressions):
         return found
 
     def _struct(self, parts: list[syntax.Node]) -> None:
-        self.expect("struct")
-        name = self.name("the name of the struct")
+        at = self.expect("struct").at
+        name = Token("name", f"struct at {at}", at) if self.is_next("{") else self.name("the name of the struct")
         fields: list[syntax.Declaration] = []
         self.expect("{")
         while not self.is_next("}"):
@@ -126,11 +126,19 @@ class _Parser(Expressions):
         self.name("a name")
         self._semantic()
         self._members(parts, ["uniform"])
+        self.accept(";")
 
     def _interface(self, parts: list[syntax.Node], qualifiers: list[str]) -> None:
-        """``uniform Block { float roughness; };``: its members are uniforms."""
-        self.take()
-        self._members(parts, qualifiers)
+        """``uniform Block { float roughness; };``: its members are uniforms, those of ``... } name;`` ``name.roughness``."""
+        block = self.take()
+        members: list[syntax.Node] = []
+        self._members(members, qualifiers)
+        if self.accept(";") or self.now.kind != "name" or self.dialect.spread:
+            parts += members
+            return
+        fields = [member for member in members if isinstance(member, syntax.Declaration)]
+        parts.append(syntax.StructDef(block.at, block.text, fields))
+        parts.append(self._variables(qualifiers, syntax.TypeName(block.at, block.text, []), self.name("a name")))
 
     def _members(self, parts: list[syntax.Node], qualifiers: list[str]) -> None:
         self.expect("{")
@@ -139,9 +147,6 @@ class _Parser(Expressions):
             kind = self._declared_type()
             parts.append(self._variables(qualifiers, kind, self.name("a field")))
         self.expect("}")
-        if self.now.kind == "name" and not self.dialect.spread:
-            raise self.mistake("a block of uniforms with a name of its own is not supported: leave the name out")
-        self.accept(";")
 
     def _semantic(self) -> None:
         """``: SV_Target`` or ``: register(b0)``, which mean nothing here."""
@@ -190,7 +195,7 @@ class _Parser(Expressions):
         kind.sizes = [*self.sizes(), *kind.sizes]
         self._semantic()
         way = "inout" if {"in", "out"} <= set(qualifiers) else next((w for w in qualifiers if w in ("inout", "out")), "in")
-        return syntax.Parameter(token.at, way, kind, token.text if named else "")
+        return syntax.Parameter(token.at, way, kind, token.text if named else "", "const" in qualifiers)
 
     # --- statements ---
 
@@ -273,21 +278,34 @@ class _Parser(Expressions):
         yes = self._single()
         return syntax.If(at, condition, yes, self._single() if self.accept("else") else None)
 
-    def _for(self, at: int) -> syntax.Loop:
+    def _for(self, at: int) -> syntax.Node:
         self.expect("(")
         start: list[syntax.Node] = []
         self._statement(start)
-        condition = None if self.is_next(";") else self.expression()
+        condition, declared = (None, None) if self.is_next(";") else self._condition()
         self.expect(";")
         step = None if self.is_next(")") else self.expression()
         self.expect(")")
-        return syntax.Loop(at, start[0] if start else None, condition, step, self._single())
+        loop = syntax.Loop(at, start[0] if start else None, condition, step, self._single())
+        return syntax.Block(at, [declared, loop]) if declared else loop
 
-    def _while(self, at: int) -> syntax.Loop:
+    def _while(self, at: int) -> syntax.Node:
         self.expect("(")
-        condition = self.expression()
+        condition, declared = self._condition()
         self.expect(")")
-        return syntax.Loop(at, None, condition, None, self._single())
+        loop = syntax.Loop(at, None, condition, None, self._single())
+        return syntax.Block(at, [declared, loop]) if declared else loop
+
+    def _condition(self) -> tuple[syntax.Node, syntax.Declaration | None]:
+        """The condition of a loop. ``bool b = value`` is ``b = value``, and a declaration of b before the loop."""
+        if not self._declares():
+            return self.expression(), None
+        self._qualifiers()
+        kind, name = self.type_name(), self.name("a name")
+        equals = self.expect("=")
+        value = syntax.Assign(equals.at, "=", syntax.Name(name.at, name.text), self.assignment())
+        declared = syntax.Declaration(name.at, [], kind, [syntax.Declarator(name.at, name.text, [], None)])
+        return value, declared
 
     def _do(self, at: int) -> syntax.Loop:
         body = self._single()

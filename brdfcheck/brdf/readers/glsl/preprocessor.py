@@ -203,6 +203,11 @@ class _Work(Preprocessor):
     def on_error(self, file: Any, line: Any, msg: str) -> None:
         known = self._shown.get(str(file), self._shown[self._file])
         position = Position(known, int(line), 1) if line else self.here()
+        words = msg.split()
+        if line and words[0] == "Macro":
+            text = self._texts.get(str(file), self._texts[self._file]).split("\n")[int(line) - 1]
+            found = re.search(rf"\b{re.escape(words[1])}\b", text)
+            position = position._replace(column=found.start() + 1 if found else 1)
         if msg.startswith("Could not evaluate"):
             msg = "this condition cannot be evaluated; allowed are whole numbers, defined(NAME) and operators"
         raise mistake(position, msg[:1].lower() + msg[1:] if not msg.startswith("Macro") else "macro" + msg[5:])
@@ -213,6 +218,11 @@ class _Work(Preprocessor):
             directive.value == "pragma" and toks and toks[0].value == "once"
         ):
             raise OutputDirective(Action.IgnoreAndRemove)
+        words = [token for token in toks if token.type not in self.t_WS]
+        if directive.value == "include" and not words:
+            raise mistake(self.here(), 'an include is written #include "file"')
+        if directive.value == "define" and words and words[0].type != self.t_ID:
+            raise mistake(self.here(), f"{words[0].value!r} is no name of a macro")
         return super().on_directive_handle(directive, toks, ifpassthru, precedingtoks)
 
     def on_directive_unknown(self, directive: Any, toks: Any, ifpassthru: Any, precedingtoks: Any) -> Any:

@@ -98,11 +98,12 @@ class Program(Statements):
             if variable.name in self.uniforms and outside:
                 continue
             if outside or isinstance(kind, Opaque):
-                self._outside(variable, kind, uniform="uniform" in outside)
+                way = next((word for word in ("uniform", "in", "attribute") if word in outside), "")
+                self._outside(variable, kind, way)
             else:
                 self._globals.append(self._declared(node, variable))
 
-    def _outside(self, variable: syntax.Declarator, kind: Type, *, uniform: bool) -> None:
+    def _outside(self, variable: syntax.Declarator, kind: Type, way: str) -> None:
         if variable.name in self.names.variables[0]:
             raise self.mistake(variable.at, f"{variable.name!r} is declared twice")
         default = None
@@ -111,7 +112,8 @@ class Program(Statements):
             kind, default = typed.type, constant_of(typed.run)
             if default is None or not all(known(leaf) for leaf in leaves_of(default)):
                 raise self.mistake(variable.at, f"what {variable.name!r} begins with must be constant")
-        locked = f"the uniform {variable.name!r} cannot be assigned to" if uniform else ""
+        what = {"in": "input"}.get(way, way)
+        locked = f"the {what} {variable.name!r} cannot be assigned to" if way else ""
         slot = self.names.add(variable.name, kind, locked).slot
         self.uniforms[variable.name] = Uniform(variable.name, kind, slot, default, self.source.position(variable.at))
 
@@ -128,7 +130,8 @@ class Program(Statements):
             while self._waiting:
                 self._compile_one(self._waiting[0][0])
                 self._waiting.pop(0)
-            self._refuse_recursion(routine)
+            for first in (routine, *(called for called, _ in self.calls.get(id(None), ()))):
+                self._refuse_recursion(first)
         except RecursionError:
             raise mistake(self.source.position(routine.node.at), "nested too deeply") from None
 
@@ -141,7 +144,8 @@ class Program(Statements):
                 if parameter.name in scope:
                     raise self.mistake(parameter.at, f"there are two parameters {parameter.name!r}")
                 name = parameter.name or f" {len(slots)}"
-                slots.append(self.names.add(name, kind).slot)
+                locked = f"the parameter {name!r} is constant" if parameter.constant else ""
+                slots.append(self.names.add(name, kind, locked).slot)
             routine.slots = tuple(slots)
             routine.result_slot = None if routine.result == VOID else self.names.new_slot(routine.result)
             before, self.caller = self.caller, routine

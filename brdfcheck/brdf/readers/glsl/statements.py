@@ -124,6 +124,9 @@ class Statements(Calls):
         self.names.structs[-1][node.name] = found
 
     def _do_declaration(self, node: syntax.Declaration) -> Run:
+        outside = {"uniform", "in", "out", "inout", "attribute", "varying"} & set(node.qualifiers)
+        if outside:
+            raise self.mistake(node.at, f"{outside.pop()!r} belongs outside of functions")
         runs = [self._declared(node, variable) for variable in node.variables]
 
         def run(machine: Machine) -> None:

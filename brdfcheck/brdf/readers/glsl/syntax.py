@@ -170,6 +170,7 @@ class Parameter(Node):
     way: str
     type: TypeName
     name: str
+    constant: bool = False
 
 
 @dataclass(slots=True)
