@@ -4,7 +4,7 @@
 Command: ``brdfcheck study user_brdfs``. For an older version's times, give the folder of its checkout in the environment
 variable BRDFCHECK_BASELINE, or as ``python studies/user_brdfs.py --baseline FOLDER``.
 
-Answer: 4 to 21 seconds on two cores, 8 in the median, 1.1 times as fast as before in the median, 8 times at best and 0.4 at
+Answer: 4 to 26 seconds on two cores, 8 in the median, 1.2 times as fast as before in the median, 7 times at best and 0.3 at
 worst; brute force finds no larger albedo in any of 14 families, before it did in one.
 
 Twelve kinds of BRDF in plain JAX or numpy (_instruments/user_families.py), two in two forms, over all their parameters. Each
