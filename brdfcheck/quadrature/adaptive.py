@@ -159,8 +159,8 @@ class _Integrand:
         # probes only for cuts across it.
         surprise = np.abs(probes - _product(nodes, _PREDICTION.T)).reshape(len(nodes), 2, 2, -1)
         mean = np.einsum("bafp->baf", surprise) / surprise.shape[-1]
-        square = np.einsum("bafp,bafp->baf", surprise, surprise) / surprise.shape[-1]
-        local = np.sqrt(np.maximum(square - mean * mean, 0)).mean(axis=2)
+        apart = surprise - mean[..., None]
+        local = np.sqrt(np.einsum("bafp,bafp->baf", apart, apart) / surprise.shape[-1]).mean(axis=2)
         error += _SKIN_WEIGHT * (mean.mean(axis=2) + local[:, ::-1])
         total = np.einsum("bn,n->b", np.abs(nodes), np.outer(kronrod, kronrod).ravel()).reshape(-1, channels)
         value = np.einsum("bl,l->b", first[..., 0], kronrod).reshape(-1, channels)

@@ -82,6 +82,15 @@ class Box:
             [name == "azimuth" and i == len(self.swept) + self.has_angle for i, name in enumerate(self.names)], bool
         )
 
+    def changed(self, *, cosines: tuple[float, float] | None = None, turning: bool | None = None) -> Box:
+        """This box with other cosines, or with or without an axis for the azimuth."""
+        return Box(
+            self.ranges,
+            self.cosines if cosines is None else cosines,
+            turning=self.turning if turning is None else turning,
+            switches=self.switches,
+        )
+
     def physical(self, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters (points, all names in order), cosines and azimuths (points,) of points (points, dimension) of the cube."""
         columns = []

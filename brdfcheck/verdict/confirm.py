@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from brdfcheck.quadrature.pointwise import GRAZING
-from brdfcheck.verdict.box import DECADES, Box
+from brdfcheck.verdict.box import DECADES
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.poles import SUSPICIOUS, pole
 from brdfcheck.verdict.surface import GRAZES, Surface
@@ -140,11 +140,7 @@ class Confirmation:
         assert rtol is not None
         _, mu, _ = surface.box.physical(place[None])
         held = surface.box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
-        inner = (
-            Box(surface.box.ranges, (1.0, 1.0), turning=surface.box.turning, switches=surface.box.switches)
-            if held
-            else surface.box
-        )
+        inner = surface.box.changed(cosines=(1.0, 1.0)) if held else surface.box
         if held and mixed is not None:
             mixed = np.delete(np.delete(mixed, angle, axis=0), angle, axis=1)
         value, error, near = surface.beside(place, rtol, limit=limit)

@@ -119,7 +119,7 @@ class Surface:
 
     def without_azimuth(self) -> None:
         """From now on without an axis for the azimuth."""
-        self.box = Box(self.box.ranges, self.box.cosines, turning=False, switches=self.box.switches)
+        self.box = self.box.changed(turning=False)
 
     def unknown(self) -> bool:
         """True where the albedo is not a number at more than single angles, beside which it is one."""

@@ -19,7 +19,7 @@ class Reader:
     """A kind of file. `load` takes the full spec, how to read it, and the Python modules loaded so far.
 
     It returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
-    `needs`: what of this package has to be installed for it.
+    `needs`: what of this package has to be installed for it; `asks`: that the options of a `Reading` are for it.
     """
 
     name: str
@@ -27,6 +27,7 @@ class Reader:
     example: str
     needs: str
     load: Callable[[str, Reading, Modules], tuple[Any, str]]
+    asks: bool = True
 
 
 def _python(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
@@ -46,7 +47,7 @@ def _shader(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
 
 _PLAIN = "the plain installation"
 READERS = (
-    Reader("Python", (".py",), "mine.py:brdf", _PLAIN, _python),
+    Reader("Python", (".py",), "mine.py:brdf", _PLAIN, _python, asks=False),
     Reader("BRDF Explorer", (".brdf",), "mine.brdf", _PLAIN, _shader),
     Reader("GLSL", (".glsl", ".frag", ".glslf", ".fs"), "mine.glsl:FUNCTION", _PLAIN, _shader),
     Reader("HLSL", (".hlsl",), "mine.hlsl:FUNCTION", _PLAIN, _shader),
@@ -63,6 +64,6 @@ def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
         kinds = "; ".join(f"{reader.name} ({', '.join(reader.suffixes)}), as {reader.example}" for reader in READERS)
         what = f"files that end in {suffix!r}" if suffix else "a file without an ending"
         raise UsageError(f"{one_line(spec)!r}: there is no reader for {what}; a BRDF of your own is read from {kinds}")
-    if reader.name == "Python" and not reading.is_plain:
-        raise UsageError(f"{OPTIONS} are for shader files; {one_line(spec)} is Python")
+    if not (reader.asks or reading.is_plain):
+        raise UsageError(f"{OPTIONS} are for shader files; {one_line(spec)} is {reader.name}")
     return reader.load(spec, reading, modules)

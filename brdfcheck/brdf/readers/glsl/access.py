@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Callable
 from typing import Any
 
@@ -41,13 +42,13 @@ class Accesses(Context):
     used: set[int]
     caller: Routine | None
 
+    @abc.abstractmethod
     def combined(self, operator: str, left: Typed, right: Typed, at: int) -> Typed:
         """Two operands and what stands between them."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def value(self, node: syntax.Node) -> Typed:
         """An expression that has a value."""
-        raise NotImplementedError
 
     # --- elements ---
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from typing import Any
 
 import numpy as np
@@ -168,9 +169,9 @@ class Calls(Constructors):
 
         return Typed(routine.result, run)
 
+    @abc.abstractmethod
     def wanted(self, routine: Routine, at: int) -> None:
         """Note that a function has to be compiled."""
-        raise NotImplementedError
 
 
 def _back(machine: Machine, back: Run | None, value: Any) -> Any:

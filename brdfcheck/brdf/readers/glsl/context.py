@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from typing import Any
 
 from brdfcheck.brdf.readers.glsl import syntax
@@ -27,7 +28,7 @@ from brdfcheck.brdf.readers.glsl.preprocessor import Source
 from brdfcheck.brdf.readers.glsl.scopes import Names, Typed, constant_of
 
 
-class Context:
+class Context(abc.ABC):
     """The program that is being compiled."""
 
     def __init__(self, source: Source, dialect: Dialect):
@@ -101,13 +102,13 @@ class Context:
 
     # --- what the other parts give ---
 
+    @abc.abstractmethod
     def typed(self, node: syntax.Node) -> Typed:
         """An expression, compiled."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def call(self, node: syntax.Call) -> Typed:
         """A call of a function or of a constructor, compiled."""
-        raise NotImplementedError
 
 
 _ORDER = ["bool", "int", "uint", "float"]
