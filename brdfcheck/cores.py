@@ -53,9 +53,12 @@ def _bind_process(some: Iterable[int]) -> None:
 _inside = threading.local()
 
 
-def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any]) -> list[Any]:
-    """`function` of all pieces, on as many cores as there are. What the function itself runs in this way runs on its core."""
-    workers = min(len(available_cores()), len(pieces), 8)
+def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any], *, most: int = 8) -> list[Any]:
+    """`function` of all pieces, on as many cores as there are, but no more than `most`.
+
+    What the function itself runs in this way runs on its core.
+    """
+    workers = min(len(available_cores()), len(pieces), most)
     if workers < 2 or getattr(_inside, "worker", False):
         return [function(piece) for piece in pieces]
 

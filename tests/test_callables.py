@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_geometry import random_directions
 
-from brdfcheck.brdf.callables import BLOCK, Evaluator, Finding
+from brdfcheck.brdf.callables import BLOCK, Evaluator, Finding, in_rows
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BlinnPhong, Phong
 from brdfcheck.brdf.microfacet import GGX
@@ -169,16 +169,16 @@ def test_a_function_that_fails_later():
 @pytest.mark.parametrize("points", [1, 7, 130])
 def test_sums_are_those_of_the_values(build, points):
     random = np.random.default_rng(points)
-    wo = np.moveaxis(random_directions(3 * 2 * BLOCK, 5).reshape(3, 2, BLOCK, 3), 3, 2)
-    weight = random.uniform(0, 1, (3, 2, BLOCK))
-    wi, turn, which = random_directions(points, 6), random.uniform(0, 2 * np.pi, points), random.integers(0, 3, points)
+    wo = in_rows(random_directions(2 * points * BLOCK, 5))
+    weight = random.uniform(0, 1, (points, 2, BLOCK))
+    wi, turn = random_directions(points, 6), random.uniform(0, 2 * np.pi, points)
     n = np.sort(random.choice([0.5, 2.0, 30.0], points))
-    sums = Evaluator(build, {"n": 1.0}).sums(n[:, None], wi, turn, which, wo, weight, nothing_noted)
+    sums = Evaluator(build, {"n": 1.0}).sums(n[:, None], wi, turn, wo, weight, nothing_noted)
     assert sums.shape == (points, 2, 1)
     for i in range(0, points, 9):
         c, s = np.cos(turn[i]), np.sin(turn[i])
-        turned = np.einsum("ij,bjk->bki", [[c, -s, 0], [s, c, 0], [0, 0, 1]], wo[which[i]])
-        expected = np.sum(weight[which[i]] * np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned)), axis=-1)
+        turned = np.einsum("ij,jbk->bki", [[c, -s, 0], [s, c, 0], [0, 0, 1]], wo[:, 2 * i : 2 * i + 2])
+        expected = np.sum(weight[i] * np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned)), axis=-1)
         np.testing.assert_allclose(sums[i, :, 0], expected, rtol=1e-12)
 
 
@@ -190,17 +190,17 @@ def test_sums_leave_out_and_note_what_is_not_finite_and_what_is_negative():
     def build():
         return lambda wi, wo: jnp.where(wo[..., 0] > 0.9, jnp.nan, jnp.where(wo[..., 1] > 0.9, -1.0, 1.0))
 
-    wo = np.moveaxis(random_directions(BLOCK, 5)[None, None], 3, 2)
+    wo = in_rows(random_directions(BLOCK, 5))
     noted = []
     sums = Evaluator(build, {}).sums(
-        np.zeros((1, 0)), WI[:1], np.zeros(1), np.zeros(1, int), wo, np.ones((1, 1, BLOCK)), lambda *found: noted.append(found)
+        np.zeros((1, 0)), WI[:1], np.zeros(1), wo, np.ones((1, 1, BLOCK)), lambda *found: noted.append(found)
     )
-    x, y = wo[0, 0, :2]
+    x, y, _ = wo[:, 0]
     bad, negative = x > 0.9, (y > 0.9) & (x <= 0.9)
     assert sums.item() == BLOCK - np.count_nonzero(bad) - 2 * np.count_nonzero(negative)
     ((points, directions, values, finite, weight),) = noted
     assert points.tolist() == [0]
-    np.testing.assert_allclose(directions[0], wo[0, 0], atol=1e-15)
+    np.testing.assert_allclose(directions[0], wo[:, 0], atol=1e-15)
     np.testing.assert_array_equal(finite[0, :, 0], ~bad)
     np.testing.assert_array_equal(values[0, :, 0] < 0, negative)
     assert weight.shape == (1, BLOCK)

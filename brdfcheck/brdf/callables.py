@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any
@@ -17,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from brdfcheck.cores import available_cores, side_by_side
 from brdfcheck.runtime import double_precision, understood
 
 _log = logging.getLogger("brdfcheck")
@@ -25,8 +25,13 @@ _log = logging.getLogger("brdfcheck")
 BLOCK = 760
 """Directions of a row: what a program takes for one incidence."""
 # Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
-# asked, and a small request is cheap.
-_ROWS, _GROUP = 64, 8
+# asked, and a small request is cheap. On a CPU a row at a time stays in the fastest memory and on one core: XLA gains nothing
+# by sharing so little work out.
+_ROWS, _GROUP, _GROUP_ON_CPU = 64, 64, 1
+# Seconds for a row from which on threads are worth their while.
+_HEAVY = 5e-5
+# Bytes at whose multiples an array must begin for XLA to use it where it lies.
+ALIGNED = 64
 # Numbers (rows x directions x channels) that a program may return: bounds the memory of functions with many channels.
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
@@ -82,6 +87,7 @@ class Evaluator:
         self._name = name_of(build)
         self._options = understood(getattr(build, "compiler_options", None))
         self._local = threading.local()
+        self._fastest = np.inf
         middle = np.array([list(parameters.values())], float)
         try:
             # Only tracing tells whether a function can be traced, and it compiles nothing.
@@ -104,7 +110,7 @@ class Evaluator:
         self._dtype = shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else np.dtype(float)
         self.epsilon = float(jnp.finfo(self._dtype).eps)
         most = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
-        self._group = min(_GROUP, most)
+        self._group = min(_GROUP_ON_CPU if jax.default_backend() == "cpu" else _GROUP, most)
         self._rows = most // self._group * self._group
         if self.slow:
             _log.warning("%s cannot be traced by JAX: evaluated with numpy, which is slower", self._name)
@@ -199,11 +205,11 @@ class Evaluator:
     def _compile(self) -> None:
         brdf = None if self.names else self._brdf(())
 
-        def row(parameters: Any, wi: Any, turn: Any, wo: Any) -> Any:
+        def row(parameters: Any, turn: Any, wi: Any, wo: Any) -> Any:
             function = brdf or self._brdf(tuple(parameters[i] for i in range(len(self.names))))
             c, s = turn[0], turn[1]
             # Components come as arrays of their own, which XLA fuses better than triples.
-            light = jnp.stack([jnp.broadcast_to(wi[i], (BLOCK,)) for i in range(3)], axis=-1)
+            light = jnp.stack([jnp.broadcast_to(part, (BLOCK,)) for part in wi], axis=-1)
             view = jnp.stack([c * wo[0] - s * wo[1], s * wo[0] + c * wo[1], wo[2]], axis=-1)
             if self.alone:
                 alone = jax.vmap(lambda i, o: jnp.reshape(function(i[None], o[None]), shape[2:]))
@@ -216,102 +222,106 @@ class Evaluator:
 
         def program(groups: Any, *arguments: Any) -> Any:
             def step(index: Any, values: Any) -> Any:
-                some = [jax.lax.dynamic_slice_in_dim(part, index * group, group) for part in arguments]
+                some = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, index * group, group), arguments)
                 return jax.lax.dynamic_update_slice_in_dim(values, jax.vmap(row)(*some), index * group, 0)
 
             return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
 
         self._program = jax.jit(program, compiler_options=self._options)
 
+    @property
+    def heavy(self) -> bool:
+        """True where a program spends so much time on a row that threads gain more by sharing rows than Python's lock costs."""
+        return _HEAVY < self._fastest < np.inf
+
+    @property
+    def at_once(self) -> int:
+        """How many rows are evaluated together."""
+        return self._rows
+
+    def space(self, rows: int) -> np.ndarray:
+        """Room for the directions of so many rows, (3, at least rows, BLOCK): what a program takes as it is, without a copy."""
+        space = aligned((3, -(-rows // self._rows) * self._rows, BLOCK))
+        space[:, rows : rows + self._group] = 1 / np.sqrt(3)  # evaluated with the last group
+        return space
+
     def rows(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """f for rows of directions: parameters (rows, names), wi (rows, 3, 1 or BLOCK) and wo (rows, 3, BLOCK).
+        """f for rows of directions: parameters (rows, names), wi (3, rows) or (3, rows, BLOCK), wo (3, rows or more, BLOCK).
 
         Returns shape (rows, BLOCK, channels or 1).
         """
-        still = np.tile([1.0, 0.0], (len(wi), 1))
-
-        def piece(rows: slice) -> np.ndarray:
-            return self._evaluate(parameters[rows], wi[rows], still[rows], wo[rows])
-
-        return np.concatenate(side_by_side(piece, self._pieces(parameters)))
+        still = np.tile([1.0, 0.0], (len(parameters), 1))
+        return np.concatenate([self._evaluate(piece, parameters, still, wi, wo) for piece in self._pieces(parameters)])
 
     def sums(
         self,
         parameters: np.ndarray,
         wi: np.ndarray,
         azimuth: np.ndarray,
-        which: np.ndarray,
         wo: np.ndarray,
         weight: np.ndarray,
         note: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], None],
     ) -> np.ndarray:
-        """Weighted sums over blocks of directions, many incidences at a time: (points, blocks, channels or 1).
+        """Weighted sums over blocks of directions: (points, blocks, channels or 1).
 
-        parameters (points, names), wi (points, 3), azimuth (points,): by how much tables of directions are turned; `which`
-        (points,): the table of each point in wo (tables, blocks, 3, BLOCK) and weight (tables, blocks, BLOCK). What is not
-        finite counts as 0. `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0
-        or one that is not finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
+        parameters (points, names), wi (points, 3), azimuth (points,): by how much the directions are turned; wo
+        (3, rows, BLOCK), of at least points x blocks rows, and weight (points, blocks, BLOCK). What is not finite counts as 0.
+        `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0 or one that is not
+        finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
         """
-        blocks = wo.shape[1]
-        turn = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-        point = np.repeat(np.arange(len(wi)), blocks)
-        block = np.tile(np.arange(blocks), len(wi))
-
-        def piece(rows: slice) -> np.ndarray:
-            at, table = point[rows], (which[point[rows]], block[rows])
-            directions, share = wo[table], weight[table]
-            values = self._evaluate(parameters[at], wi[at][:, :, None], turn[at], directions)
+        points, blocks = weight.shape[:2]
+        point = np.repeat(np.arange(points), blocks)
+        turn = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)[point]
+        parameters, light, weight = parameters[point], wi.T[:, point], weight.reshape(-1, BLOCK)
+        sums = np.empty((len(point), self.channels or 1))
+        for rows in self._pieces(parameters):
+            values, share = self._evaluate(rows, parameters, turn, light, wo), weight[rows]
             with np.errstate(all="ignore"):
                 found = np.matmul(share[:, None], values)[:, 0]
             if not np.all(np.isfinite(found)) or values.min() < 0:
                 finite = np.isfinite(values)
                 values = np.where(finite, values, 0)
                 found = np.matmul(share[:, None], values)[:, 0]
-                c, s = turn[at].T[:, :, None]
-                x, y, z = np.moveaxis(directions, 1, 0)
-                note(at, np.stack([c * x - s * y, s * x + c * y, z], axis=1), values, finite, share)
-            return found
-
-        parts = side_by_side(piece, self._pieces(parameters[point]))
-        return np.concatenate(parts).reshape(len(wi), blocks, -1)
+                note(point[rows], np.stack(_turned(turn[rows], wo[:, rows]), axis=1), values, finite, share)
+            sums[rows] = found
+        return sums.reshape(points, blocks, -1)
 
     def _pieces(self, parameters: np.ndarray) -> list[slice]:
         """Rows that are evaluated together; of a numpy function those of the same parameters, in one call."""
         count = len(parameters)
         if not self.slow:
-            # As many for each core, in whole groups.
-            share = -(-count // (self._group * len(available_cores()))) * self._group
-            size = min(share, self._rows)
-            return [slice(i, min(i + size, count)) for i in range(0, count, size)]
+            return [slice(i, min(i + self._rows, count)) for i in range(0, count, self._rows)]
         change = np.flatnonzero(np.any(parameters[1:] != parameters[:-1], axis=1)) + 1
         limits = np.unique(np.concatenate([[0, count], change]))
         most = max(1, _NUMPY_CALL // BLOCK)
         return [slice(int(i), int(min(i + most, high))) for low, high in pairwise(limits) for i in range(low, high, most)]
 
-    def _evaluate(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """One piece: wi (rows, 3, 1 or BLOCK), turn (rows, 2), wo (rows, 3, BLOCK) -> (rows, BLOCK, channels or 1)."""
-        return (self._numpy_rows if self.slow else self._program_rows)(parameters, wi, turn, wo)
+    def _evaluate(self, rows: slice, parameters: np.ndarray, turn: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """One of the `_pieces` of rows: parameters and turn count them on axis 0, wi and wo on axis 1.
 
-    def _program_rows(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        count = len(wi)
-        if count < self._rows:
-            parameters, wi, turn, wo = (
-                np.concatenate([part, np.broadcast_to(part[-1:], (self._rows - count, *part.shape[1:]))])
-                for part in (parameters, wi, turn, wo)
-            )
+        Returns shape (rows, BLOCK, channels or 1).
+        """
+        count = rows.stop - rows.start
+        if self.slow:
+            view = np.stack(_turned(turn[rows], wo[:, rows]), axis=-1).reshape(-1, 3)
+            light = wi[:, rows] if wi.ndim == 3 else wi[:, rows, None]
+            light = np.broadcast_to(np.moveaxis(light, 0, 2), (count, BLOCK, 3)).reshape(-1, 3)
+            return self._numpy_call(parameters[rows.start], light, view).reshape(count, BLOCK, -1)
+        arguments = jax.tree.map(
+            lambda part: self._filled_up(part[rows.start : rows.start + self._rows]), (parameters, turn, tuple(wi), tuple(wo))
+        )
+        began = time.perf_counter()
         try:
             with np.errstate(all="ignore"), double_precision():
-                values = np.asarray(self._program(-(-count // self._group), parameters, wi, turn, wo))[:count]
+                values = np.asarray(self._program(-(-count // self._group), *arguments))[:count]
         except Exception as error:
             raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+        self._fastest = min(self._fastest, (time.perf_counter() - began) / count)
         return values.reshape(count, BLOCK, -1)
 
-    def _numpy_rows(self, parameters: np.ndarray, wi: np.ndarray, turn: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        c, s = turn.T[:, :, None]
-        x, y, z = np.moveaxis(wo, 1, 0)
-        view = np.stack([c * x - s * y, s * x + c * y, z], axis=-1).reshape(-1, 3)
-        light = np.broadcast_to(np.moveaxis(wi, 1, 2), (len(wi), BLOCK, 3)).reshape(-1, 3)
-        return self._numpy_call(parameters[0], light, view).reshape(len(wi), BLOCK, -1)
+    def _filled_up(self, part: np.ndarray) -> np.ndarray:
+        """As many rows as a program takes; what they hold beyond the last group does not matter."""
+        return part if len(part) == self._rows else part[np.minimum(np.arange(self._rows), len(part) - 1)]
 
     def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """f for these parameters: (wi, wo) of shape (k, 3) each, float64 -> values of shape (k,) or (k, channels)."""
@@ -326,10 +336,11 @@ class Evaluator:
                 ]
                 values = np.concatenate(parts)
             else:
-                light = wi[:1, :, None] if wi.strides[0] == 0 else _in_rows(wi)  # one light for all needs no copies
-                view = _in_rows(wo)
-                light = np.broadcast_to(light, (len(view), *light.shape[1:]))
-                values = self.rows(np.repeat(place, len(view), axis=0), light, view).reshape(view.shape[0] * BLOCK, -1)[:count]
+                rows = -(-count // BLOCK)
+                view = in_rows(wo, self.space(rows))
+                # One light for all needs no copies.
+                light = np.broadcast_to(wi[0, :, None], (3, rows)) if wi.strides[0] == 0 else in_rows(wi)
+                values = self.rows(np.repeat(place, rows, axis=0), light, view).reshape(rows * BLOCK, -1)[:count]
             return values[:, 0] if self.channels is None else values
 
         return evaluate
@@ -417,13 +428,28 @@ def _hint(error: Exception) -> str:
     return ""
 
 
-def _in_rows(directions: np.ndarray) -> np.ndarray:
-    """Directions (k, 3) as rows (rows, 3, BLOCK), of which the last one is filled up with the last direction."""
+def in_rows(directions: np.ndarray, space: np.ndarray | None = None) -> np.ndarray:
+    """Directions (k, 3) as rows (3, rows, BLOCK), of which the last one is filled up with the last direction."""
     count = len(directions)
     rows = -(-count // BLOCK)
-    filled = np.empty((3, rows * BLOCK))
-    filled[:, :count], filled[:, count:] = directions.T, directions[-1:].T
-    return np.ascontiguousarray(np.moveaxis(filled.reshape(3, rows, BLOCK), 1, 0))
+    space = np.empty((3, rows, BLOCK)) if space is None else space
+    filled = space.reshape(3, -1)
+    filled[:, :count], filled[:, count : rows * BLOCK] = directions.T, directions[-1:].T
+    return space
+
+
+def _turned(turn: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The components of wo (3, rows, BLOCK), turned about the normal: turn (rows, 2) holds the cosines and sines."""
+    (c, s), (x, y, z) = turn.T[:, :, None], wo
+    return c * x - s * y, s * x + c * y, z
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """An empty float64 array that JAX on a CPU takes as it is: others it copies."""
+    size = int(np.prod(shape))
+    space = np.empty(size + ALIGNED // 8)
+    start = -space.ctypes.data % ALIGNED // 8
+    return space[start : start + size].reshape(shape)
 
 
 def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -20,13 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brdfcheck.quadrature.boxes import CENTRE, Boxes, Mesh, Points, directions, initial_boxes
+from brdfcheck.quadrature.boxes import CENTRE, Boxes, Mesh, directions, initial_boxes
 
 # Probes sit this fraction of a box inside its faces; what they find wrong counts for this fraction of the box.
 _SKIN = 1e-5
 _SKIN_WEIGHT = 0.02
 # Rows given to `evaluate` at a time, and rounds of refinement.
-_LARGEST_BATCH = 2**17
+_LARGEST_BATCH = 48_000
 _ROUNDS = 58
 # Over how many rounds a sum is watched that does not converge.
 _LAST_ROUNDS = 12
@@ -63,22 +63,19 @@ def _lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.prod(np.where(others, factors, 1), axis=-1)
 
 
-def _probes(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Probes in the unit square, shape (probes, 2), face by face, and the matrix that predicts them from the nodes."""
-    between = (nodes[1:] + nodes[:-1]) / 2
-    low, high = np.full(between.size, _SKIN), np.full(between.size, 1 - _SKIN)
-    first = np.concatenate([low, high, between, between])
-    second = np.concatenate([between, between, low, high])
-    matrix = np.einsum("pi,pj->pij", _lagrange(nodes, first), _lagrange(nodes, second))
-    return np.stack([first, second], axis=-1), matrix.reshape(first.size, -1)
-
-
 _NODES, _WEIGHTS = _rules()
-_TENSOR = _NODES.size**2
-_PROBES, _PREDICTION = _probes(_NODES)
-# Where a box is evaluated: the product of the nodes, then the probes.
-_GRID = np.stack(np.meshgrid(_NODES, _NODES, indexing="ij"), axis=-1).reshape(-1, 2)
-_POINTS, _NODES_ONLY = Points(np.concatenate([_GRID, _PROBES])), Points(_GRID)
+_SIDE = _NODES.size
+_TENSOR = _SIDE**2
+_EDGES, _BETWEEN = np.array([_SKIN, 1 - _SKIN]), (_NODES[1:] + _NODES[:-1]) / 2
+# What is made of the values on a line of nodes: its three rules, and what they predict at the ends.
+_OF_LINES = np.concatenate([_WEIGHTS, _lagrange(_NODES, _EDGES)]).T
+_TO_BETWEEN = _lagrange(_NODES, _BETWEEN).T
+# Where a box is evaluated: the product of the nodes, then the probes of the faces across the first axis and the second.
+_NODES_ONLY, *_FACES = (
+    np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1).reshape(-1, 2)
+    for pair in ((_NODES, _NODES), (_EDGES, _BETWEEN), (_BETWEEN, _EDGES))
+)
+_POINTS = np.concatenate([_NODES_ONLY, *_FACES])
 
 
 class HemisphereIntegral(NamedTuple):
@@ -121,49 +118,50 @@ class _Integrand:
         self.scalar = True
 
     def measure(self, boxes: Boxes) -> _Measured:
-        most = _LARGEST_BATCH // _POINTS.count
+        most = _LARGEST_BATCH // len(_POINTS)
         parts = [self._measure(boxes.taken(slice(i, i + most))) for i in range(0, len(boxes.low), most)]
         return _Measured(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def _measure(self, boxes: Boxes) -> _Measured:
-        wo, weight = directions(boxes, _POINTS)
+        shape = len(boxes.low), len(_POINTS)
+        wo, weight, count = np.empty((3, *shape)), np.empty(shape), shape[0] * shape[1]
+        directions(boxes, _POINTS, wo, weight)
         (c, s), (x, y, _) = self.turn, wo
-        wo[0], wo[1] = c * x - s * y, s * x + c * y
-        count = weight.size
+        if s:
+            wo[0], wo[1] = c * x - s * y, s * x + c * y
         answer = np.asarray(self.evaluate(wo.reshape(3, count).T))
         if answer.ndim not in (1, 2) or answer.shape[0] != count:
             raise ValueError(f"evaluate must return shape ({count},) or ({count}, channels); got {answer.shape}")
         self.scalar = answer.ndim == 1
         precision = np.finfo(answer.dtype if np.issubdtype(answer.dtype, np.floating) else float).eps
         # A row for each box and channel, so that all that follows is products of matrices.
-        answer = answer.astype(float).reshape(*weight.shape, -1)
+        answer = answer.astype(float, copy=False).reshape(*shape, -1)
         channels = answer.shape[-1]
-        answer = np.ascontiguousarray(np.moveaxis(answer, 2, 1))  # (boxes, channels, points)
-        good = np.abs(answer) < _INFINITE
         self.evaluations += count
+        good = np.abs(answer) < _INFINITE
         if not np.all(good):
-            self.nonfinite += int(np.count_nonzero(~np.all(good, axis=1)))
+            self.nonfinite += int(np.count_nonzero(~np.all(good, axis=2)))
             answer = np.where(good, answer, 0)
-        values = (answer * weight[:, None]).reshape(-1, _POINTS.count)
-        nodes, probes = np.ascontiguousarray(values[:, :_TENSOR]), values[:, _TENSOR:]
-        side, kronrod = _NODES.size, _WEIGHTS[0]
-        # The rules along the first axis and along the second: (rows, line, rule).
-        square = nodes.reshape(-1, side, side)
+        values = (np.moveaxis(answer, 2, 1) * weight[:, None]).reshape(-1, len(_POINTS))
+        rows, kronrod = len(values), _WEIGHTS[0]
+        square = values[:, :_TENSOR].reshape(rows, _SIDE, _SIDE)
+        # Along the first axis and along the second: (rows, line, rule or end).
         first, second = (
-            _product(part.reshape(-1, side), _WEIGHTS.T).reshape(-1, side, 3) for part in (square.transpose(0, 2, 1), square)
+            _product(part.reshape(-1, _SIDE), _OF_LINES).reshape(rows, _SIDE, -1) for part in (square.swapaxes(1, 2), square)
         )
-        error = np.stack(
-            [np.einsum("bl,l->b", np.hypot(line[..., 1], line[..., 2]), kronrod) for line in (first, second)], axis=1
-        )
+        error = np.stack([np.hypot(line[..., 1], line[..., 2]) @ kronrod for line in (first, second)], axis=1)
         # (rows, axis, face, probe). What is wrong all along a face calls for cuts parallel to it, what is wrong at some of its
         # probes only for cuts across it.
-        surprise = np.abs(probes - _product(nodes, _PREDICTION.T)).reshape(len(nodes), 2, 2, -1)
-        mean = np.einsum("bafp->baf", surprise) / surprise.shape[-1]
+        predicted = np.stack([line[..., 3:].swapaxes(1, 2) for line in (first, second)], axis=1)
+        probes = values[:, _TENSOR:].reshape(rows, 2, -1)
+        probes = np.stack([probes[:, 0].reshape(rows, 2, -1), probes[:, 1].reshape(rows, -1, 2).swapaxes(1, 2)], axis=1)
+        surprise = np.abs(probes - _product(predicted.reshape(-1, _SIDE), _TO_BETWEEN).reshape(rows, 2, 2, -1))
+        mean = surprise.mean(axis=3)
         apart = surprise - mean[..., None]
         local = np.sqrt(np.einsum("bafp,bafp->baf", apart, apart) / surprise.shape[-1]).mean(axis=2)
         error += _SKIN_WEIGHT * (mean.mean(axis=2) + local[:, ::-1])
-        total = np.einsum("bn,n->b", np.abs(nodes), np.outer(kronrod, kronrod).ravel()).reshape(-1, channels)
-        value = np.einsum("bl,l->b", first[..., 0], kronrod).reshape(-1, channels)
+        total = (np.abs(values[:, :_TENSOR]) @ np.outer(kronrod, kronrod).ravel()).reshape(-1, channels)
+        value = (first[..., 0] @ kronrod).reshape(-1, channels)
         error = error.reshape(-1, channels, 2)
         noise = _ROUNDINGS * precision * total
         axis, error = np.argmax(error.max(axis=1), axis=1), error.sum(axis=2)
@@ -224,7 +222,7 @@ def integrate_hemisphere(
         # which rounding is the error.
         share = np.max(np.where(found.error > found.noise, found.error, 0) / goal, axis=-1)
         order = np.argsort(share)
-        room = max(max_evaluations - integrand.evaluations, 0) // (2 * _POINTS.count)
+        room = max(max_evaluations - integrand.evaluations, 0) // (2 * len(_POINTS))
         chosen = order[np.cumsum(share[order]) > 0.5][::-1][:room]
         if not chosen.size:
             break

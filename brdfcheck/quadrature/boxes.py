@@ -22,6 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brdfcheck.numerics import sine_cosine
+
 CENTRE = 1e-6
 """The radius (radians) about a seed inside which nodes are spread evenly."""
 # The longest side of an initial box.
@@ -123,95 +125,59 @@ def _cut(reach: float) -> list[tuple[float, float, float, float, int]]:
     return boxes
 
 
-class Points:
-    """Points (points, 2) of the unit square, at which a box is looked at. Many of them share a coordinate."""
+def directions(boxes: Boxes, points: np.ndarray, wo: np.ndarray, weight: np.ndarray) -> None:
+    """Write wo for light at azimuth 0 at points (points, 2) of the unit square in each box, and (N.wo) dwo over the box.
 
-    def __init__(self, points: np.ndarray):
-        self.count = len(points)
-        self.first, self._row = np.unique(points[:, 0], return_inverse=True)
-        self.second, self._column = np.unique(points[:, 1], return_inverse=True)
-
-    def along(self, values: np.ndarray) -> np.ndarray:
-        """Values (boxes, first coordinates) at all points."""
-        return values[:, self._row]
-
-    def across(self, values: np.ndarray) -> np.ndarray:
-        """Values (boxes, second coordinates) at all points."""
-        return values[:, self._column]
-
-
-def directions(boxes: Boxes, points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """wo for light at azimuth 0 at the points of each box, and (N.wo) dwo over the box.
-
-    Shapes (3, boxes, points) and (boxes, points).
+    Into arrays of shape (3, boxes, points) and (boxes, points).
     """
-    wo, weight = np.empty((3, len(boxes.low), points.count)), np.empty((len(boxes.low), points.count))
-    for kind in (0, 1, 2):
-        which = np.flatnonzero(boxes.patch[:, 4] == kind)
-        if which.size:
-            wo[:, which], weight[which] = _directions(boxes.taken(which), points, kind)
-    return wo, weight
-
-
-def _directions(boxes: Boxes, points: Points, kind: int) -> tuple[np.ndarray, np.ndarray]:
-    """`directions` of boxes of one kind. What depends on one coordinate is computed once for all points that share it."""
-    first = boxes.low[:, :1] + boxes.size[:, :1] * points.first
-    second = boxes.low[:, 1:] + boxes.size[:, 1:] * points.second
-    side, height, rise, sign = (column[:, None] for column in boxes.patch.T[:4])
-    area = boxes.size[:, :1] * boxes.size[:, 1:]
-
-    def elevation(offset: np.ndarray) -> np.ndarray:
-        return np.maximum(height + rise * offset, 0)  # rounding must not push a direction below the horizon
-
-    def plane(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return side * np.cos(angle), np.sin(angle)
-
-    def beside(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.maximum(np.cos(angle), 0), sign * np.sin(angle)
-
-    if kind == 0:
-        density = area
-        x, z = (points.along(part) for part in plane(elevation(first)))
-        cosine, y = (points.across(part) for part in beside(second))
-    else:
-        radius = CENTRE * np.sinh(first)
-        shorter = points.along(radius) * points.across(second**2)
-        density = points.along(radius * np.sqrt(radius**2 + CENTRE**2) * (2 * area)) * points.across(second)
-        if kind == 1:
-            x, z = (points.along(part) for part in plane(elevation(radius)))
-            cosine, y = beside(shorter)
-        else:
-            x, z = plane(elevation(shorter))
-            cosine, y = (points.along(part) for part in beside(radius))
-    normal = cosine * z
-    return np.stack([cosine * x, y, normal]), density * cosine * normal
+    along = boxes.low[:, :1] + boxes.size[:, :1] * points[:, 0]
+    across = boxes.low[:, 1:] + boxes.size[:, 1:] * points[:, 1]
+    side, height, rise, sign, kind = (column[:, None] for column in boxes.patch.T[:5])
+    plain = kind == 0
+    # Of triangles: the distance from the apex, and how far they reach beside it there.
+    radius = CENTRE * np.sinh(np.where(plain, 0, along))
+    density = (boxes.size[:, :1] * boxes.size[:, 1:]) * np.where(
+        plain, 1, radius * np.sqrt(radius * radius + CENTRE**2) * (2 * across)
+    )
+    radius, lag = np.where(plain, along, radius), np.where(plain, across, radius * (across * across))
+    second = kind == 2
+    # Rounding must not push a direction below the horizon.
+    up, flat = sine_cosine(np.maximum(height + rise * np.where(second, lag, radius), 0))
+    y, cosine = sine_cosine(np.where(second, radius, lag))
+    np.multiply(side * flat, cosine, out=wo[0])
+    np.multiply(sign, y, out=wo[1])
+    normal = np.multiply(up, cosine, out=wo[2])
+    np.multiply(density, cosine * normal, out=weight)
 
 
 class Mesh:
     """The boxes of an integral at one cosine of incidence as a fixed rule, which moves smoothly with the light.
 
-    Called with cosines (m,) that are `near`, it gives wo for light at azimuth 0, shape (m, 3, size), and (N.wo) dwo times the
-    weights of the rule, shape (m, size), as `GradedRule` does. `points` and `weights` (points,) are the rule of one box.
+    For cosines that are `near`; nodes are written as those of a `GradedRule`, their weights times those of the rule. `points`
+    (points, 2) and `weights` (points,) are the rule of one box.
     """
 
-    def __init__(self, boxes: Boxes, cosine: float, points: Points, weights: np.ndarray):
+    def __init__(self, boxes: Boxes, cosine: float, points: np.ndarray, weights: np.ndarray):
         self._boxes, self._points, self._weights = boxes, points, weights
         self._corners = _corners(*_angle(cosine))
 
     @property
     def size(self) -> int:
         """How many nodes the rule has."""
-        return len(self._boxes.low) * self._points.count
+        return len(self._boxes.low) * len(self._points)
 
     def near(self, cosines: np.ndarray) -> np.ndarray:
         """True for the cosines (m,) at which the seeds have the same order: only there can the boxes move along."""
         order = [corner.seed for corner in self._corners]
         return np.array([order == [corner.seed for corner in _corners(*_angle(cosine))] for cosine in cosines], bool)
 
-    def __call__(self, cosines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        tables = [directions(self._moved(float(cosine)), self._points) for cosine in cosines]
-        wo, share = (np.stack(parts) for parts in zip(*tables, strict=True))
-        return wo.reshape(len(cosines), 3, -1), (share * self._weights).reshape(len(cosines), -1)
+    def fill(self, cos_theta: np.ndarray, wo: np.ndarray, weight: np.ndarray) -> None:
+        """Write the nodes for light at azimuth 0 and the cosines (m,): wo, shape (3, m, size), and weight, shape (m, size)."""
+        shape = len(self._boxes.low), len(self._points)
+        for number, cosine in enumerate(cos_theta):
+            share = weight[number].reshape(shape)
+            directions(self._moved(float(cosine)), self._points, wo[:, number].reshape(3, *shape), share)
+            share *= self._weights
 
     def _moved(self, cosine: float) -> Boxes:
         low, size, patch = (column.copy() for column in self._boxes)

@@ -17,18 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brdfcheck.numerics import gauss
+from brdfcheck.numerics import gauss, sine_cosine
 
 # The longest side of the triangles (radians), and how far from b = 0 the nodes of the rectangles beyond are crowded.
 _CORE = 0.4
 _SPREAD = 0.2
 # The thinnest needle, as a part of its length, for which nodes are crowded.
 _THINNEST = 1e-2
-# The corners: which way the elevation goes from the seed, on which side of the normal, and whether the horizon is next.
-_RISE = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0])[:, None]
-_SIDE = np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])[:, None]
-_OUTER = np.array([True, False, False, False, False, True])
-_AT_NORMAL = np.array([False, False, True, True, False, False])
+# The corners on the light's side of the normal: down from the light, up from it, down from the normal. Those on the other side
+# are their mirror images.
+_RISE = np.array([-1.0, 1.0, -1.0])[:, None]
 
 
 @dataclass(frozen=True)
@@ -47,84 +45,88 @@ class GradedRule:
     @property
     def size(self) -> int:
         """How many nodes the rule has."""
-        corner = 2 * self.radial * self.angular + 2 * self.along * self.across
-        return 2 * (6 * corner + 2 * self.along * self.across)
+        return 4 * self._quarter
 
-    def __call__(self, cos_theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """wo for light at azimuth 0 and the cosines (m,) in (0, 1]: shape (m, 3, size); (N.wo) dwo, shape (m, size)."""
-        mu = cos_theta[:, None, None]
+    @property
+    def _quarter(self) -> int:
+        return 3 * 2 * (self.radial * self.angular + self.along * self.across) + self.along * self.across
+
+    def fill(self, cos_theta: np.ndarray, wo: np.ndarray, weight: np.ndarray) -> None:
+        """Write the nodes for light at azimuth 0 and the cosines (m,) in (0, 1].
+
+        wo, shape (3, m, size), gets the directions, and weight, shape (m, size), gets (N.wo) dwo.
+        """
+        count, corner = len(cos_theta), self._quarter - self.along * self.across
+        mu = cos_theta[:, None]
         sine = np.sqrt((1 - mu) * (1 + mu))
-        theta, elevation = np.arctan2(sine, mu), np.arctan2(mu, sine)
-        reach = np.where(_OUTER[:, None], elevation / 2, theta / 2)
-        height = np.where(_AT_NORMAL[:, None], np.pi / 2, elevation)
-        pieces = [*self._triangles(reach, height, mu), *self._rectangles(reach, height), self._horizon(elevation)]
-        wo, weight = np.empty((len(mu), 3, 2, self.size // 2)), np.empty((len(mu), 2, self.size // 2))
-        start = 0
-        for x, y, z, share in pieces:  # both sides of the plane of incidence
-            part = slice(start, start := start + x.shape[1])
-            wo[:, 0, :, part], wo[:, 2, :, part] = x[:, None], z[:, None]
-            wo[:, 1, 0, part], wo[:, 1, 1, part] = y, -y
-            weight[:, :, part] = share[:, None]
-        return wo.reshape(len(mu), 3, -1), weight.reshape(len(mu), -1)
+        elevation = np.arctan2(mu, sine)
+        reach = np.empty((count, 3, 1))  # half way to the next seed
+        reach[:, 0], reach[:, 1:] = elevation / 2, np.arctan2(sine, mu)[:, None] / 2
+        # The angle of each node along the plane of incidence (from its seed), that across it, and the density of nodes.
+        table = np.empty((3, count, self._quarter))
+        corners = table[..., :corner].reshape(3, count, 3, -1)
+        triangles = 2 * self.radial * self.angular
+        self._triangles(corners[..., :triangles], reach, mu[..., None])
+        self._rectangles(corners[..., triangles:], reach)
+        self._horizon(table[..., corner:], elevation[..., None])
+        offset, away, density = table
+        up, flat = sine_cosine(offset)
+        y, cosine = sine_cosine(away)
+        # From offsets to elevations: the seeds' are theta's own and a right angle.
+        height, width = np.ones((count, 3, 1)), np.zeros((count, 3, 1))
+        height[:, :2], width[:, :2] = mu[..., None], sine[..., None]
+        turned, straight = (part[:, :corner].reshape(count, 3, -1) for part in (up, flat))
+        turned *= _RISE
+        turned[:], straight[:] = height * straight + width * turned, width * straight - height * turned
+        x, z = flat * cosine, up * cosine
+        # The four quarters are images of each other in the plane of incidence and in the one across it.
+        images, shares = wo.reshape(3, count, 4, -1), weight.reshape(count, 4, -1)
+        images[0, :, ::2] = x[:, None]
+        images[1, :, :2] = y[:, None]
+        images[2] = z[:, None]
+        np.negative(x[:, None], out=images[0, :, 1::2])
+        np.negative(y[:, None], out=images[1, :, 2:])
+        shares[:] = (density * cosine * z)[:, None]
 
-    def _triangles(self, reach: np.ndarray, height: np.ndarray, mu: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+    def _triangles(self, corners: np.ndarray, reach: np.ndarray, mu: np.ndarray) -> None:
         (u, du), (v, dv) = gauss(self.radial), gauss(self.angular)
-        longest = np.arcsinh(np.minimum(reach, _CORE) / self.scale)
-        grown = np.exp(longest * u)
-        radius = self.scale * (grown - 1 / grown) / 2
+        grown, length = _crowded(self.scale, 0.0, np.minimum(reach, _CORE), u)
         # A needle is about as thin as the light is low.
-        thin = np.maximum(mu, _THINNEST)
-        across, stretch = _sinh_from_zero(thin, v)
-        density = (self.scale * (grown + 1 / grown) / 2 * longest * radius * du)[..., None] * (stretch * dv)[:, :, None]
-        lag = radius[..., None] * across[:, :, None]
-        lead = radius[..., None]
-        height, rise, side = height[..., None], _RISE[..., None], _SIDE[..., None]
-        return [_placed(height + rise * a, b, side, density) for a, b in ((lead, lag), (lag, lead))]
+        across, stretch = _crowded(np.maximum(mu, _THINNEST), 0.0, 1.0, v)
+        offset, away, density = corners.reshape(*corners.shape[:-1], 2, self.radial, self.angular)
+        lag = grown[..., None] * across[:, :, None]
+        offset[:, :, 0], offset[:, :, 1] = grown[..., None], lag
+        away[:, :, 0], away[:, :, 1] = lag, grown[..., None]
+        density[:] = ((length * grown * du)[..., None] * (stretch * dv)[:, :, None])[:, :, None]
 
-    def _rectangles(self, reach: np.ndarray, height: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+    def _rectangles(self, corners: np.ndarray, reach: np.ndarray) -> None:
         (x, dx), (y, dy) = gauss(self.along), gauss(self.across)
+        offset, away, density = corners.reshape(*corners.shape[:-1], 2, self.along, self.across)
         core = np.minimum(reach, _CORE)
-        beside, stretch = _crowded(np.maximum(core, self.scale), core, y)
-        beyond, stretch_beyond = _crowded(np.full_like(core, _SPREAD), np.zeros_like(core), y)
-        height, rise, side = height[..., None], _RISE[..., None], _SIDE[..., None]
-        near, far = (core * x)[..., None], (core + (reach - core) * x)[..., None]
-        return [
-            _placed(height + rise * near, beside[:, :, None], side, (core * dx)[..., None] * (stretch * dy)[:, :, None]),
-            _placed(
-                height + rise * far,
-                beyond[:, :, None],
-                side,
-                ((reach - core) * dx)[..., None] * (stretch_beyond * dy)[:, :, None],
-            ),
-        ]
+        rest = reach - core
+        beside, stretch = _crowded(np.maximum(core, self.scale), core, np.pi / 2, y)
+        beyond, stretch_beyond = _crowded(_SPREAD, 0.0, np.pi / 2, y)
+        offset[:, :, 0], offset[:, :, 1] = (core * x)[..., None], (core + rest * x)[..., None]
+        away[:, :, 0], away[:, :, 1] = beside[:, :, None], beyond
+        np.multiply((core * dx)[..., None], (stretch * dy)[:, :, None], out=density[:, :, 0])
+        np.multiply((rest * dx)[..., None], stretch_beyond * dy, out=density[:, :, 1])
 
-    def _horizon(self, elevation: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _horizon(self, nodes: np.ndarray, elevation: np.ndarray) -> None:
         (x, dx), (y, dy) = gauss(self.along), gauss(self.across)
-        half = np.broadcast_to(elevation / 2, (len(elevation), 2, 1))
-        across, stretch = _crowded(np.maximum(half, self.scale), np.zeros_like(half), y)
-        density = (half * 2 * x * dx)[..., None] * (stretch * dy)[:, :, None]
-        return _placed((half * x**2)[..., None], across[:, :, None], np.array([-1.0, 1.0])[:, None, None], density)
+        offset, away, density = nodes.reshape(*nodes.shape[:-1], self.along, self.across)
+        half = elevation / 2
+        across, stretch = _crowded(np.maximum(half, self.scale), 0.0, np.pi / 2, y)
+        offset[:], away[:] = half * (x * x)[:, None], across
+        np.multiply(half * (2 * x * dx)[:, None], stretch * dy, out=density)
 
 
-def _sinh_from_zero(scale: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places from 0 to 1, spread evenly up to `scale` and geometrically from there; and their density."""
-    length = np.arcsinh(1 / scale)
-    grown = np.exp(length * unit)
-    return scale * (grown - 1 / grown) / 2, scale * (grown + 1 / grown) / 2 * length
-
-
-def _crowded(scale: np.ndarray, low: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places from `low` to pi/2, spread evenly up to `scale` and geometrically from there; and their density."""
+def _crowded(
+    scale: np.ndarray | float, low: np.ndarray | float, high: np.ndarray | float, unit: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places from `low` to `high`, spread evenly up to `scale` and geometrically from there; and their density."""
     start = np.arcsinh(low / scale)
-    length = np.arcsinh(np.pi / 2 / scale) - start
+    length = np.arcsinh(high / scale) - start
     grown = np.exp(start + length * unit)
-    return scale * (grown - 1 / grown) / 2, scale * (grown + 1 / grown) / 2 * length
-
-
-def _placed(elevation: np.ndarray, across: np.ndarray, side: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, ...]:
-    """x, y, z of the directions and (N.wo) dwo, each (m, nodes)."""
-    cosine = np.cos(across)
-    normal = cosine * np.sin(elevation)
-    parts = (side * cosine * np.cos(elevation), np.sin(across), normal, density * cosine * normal)
-    shape = np.broadcast_shapes(*(part.shape for part in parts))
-    return tuple(np.broadcast_to(part, shape).reshape(shape[0], -1) for part in parts)
+    shrunk = 1 / grown
+    half = scale / 2
+    return half * (grown - shrunk), half * length * (grown + shrunk)

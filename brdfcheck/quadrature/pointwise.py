@@ -19,7 +19,7 @@ import numpy as np
 from brdfcheck.brdf.callables import BLOCK, Evaluator, with_options_of
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family, corners
-from brdfcheck.cores import side_by_side
+from brdfcheck.cores import available_cores, side_by_side
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.functions import Adaptive, adaptive_albedo
@@ -41,8 +41,6 @@ _COMPANION = GradedRule(7, 3, 3, 3, 1e-3)
 _STEEP = 1e-5
 # The accuracy at which engines 1 and 2 are asked on the levels (None: their best).
 _QUICK_RTOL = 1e-3
-# Numbers in the tables of directions that are held at a time.
-_MOST_NODES = 2**21
 
 
 class Place(NamedTuple):
@@ -209,36 +207,46 @@ class PointwiseAlbedo:
         """By a fixed rule; the difference to a second one is the error."""
         blocks = [-(-rule.size // BLOCK) for rule in rules]
         mu = np.maximum(cos_theta, GRAZING)
-        cosines, which = np.unique(mu, return_inverse=True)
-        # Directions of a few cosines at a time, because of their size; within them, points of the same parameters together.
-        most = max(1, _MOST_NODES // (sum(blocks) * BLOCK))
+        sine = np.sqrt((1 - mu) * (1 + mu))
+        wi = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=1)
         value = np.zeros((2, len(mu), evaluator.channels or 1))
         unknown: set[int] = set()
-        for first in range(0, len(cosines), most):
-            points = np.flatnonzero((which >= first) & (which < first + most))
-            if evaluator.slow and self.swept:
-                points = points[np.lexsort(parameters[points].T[::-1])]
-            tables = [_in_blocks(*rule(cosines[first : first + most])) for rule in rules]
-            wo, weight = (np.concatenate([table[i] for table in tables], axis=1) for i in range(2))
-            sine = np.sqrt((1 - mu[points]) * (1 + mu[points]))
-            turn = azimuth[points]
-            wi = np.stack([sine * np.cos(turn), sine * np.sin(turn), mu[points]], axis=1)
+
+        def noted(rows: np.ndarray, *found: np.ndarray) -> None:
+            unknown.update(rows[self._note(parameters[rows], wi[rows], *found)].tolist())
+
+        def piece(points: np.ndarray) -> None:
+            share = np.empty((len(points), sum(blocks) * BLOCK))
+            space = evaluator.space(share.size // BLOCK)
+            wo = space[:, : share.size // BLOCK].reshape(3, len(points), -1)
+            start = 0
+            for rule, count in zip(rules, blocks, strict=True):
+                end = start + rule.size
+                rule.fill(mu[points], wo[..., start:end], share[:, start:end])
+                start += count * BLOCK
+                wo[..., end:start], share[:, end:start] = wo[..., end - 1 : end], 0
             sums = evaluator.sums(
                 parameters[points][:, self._columns],
-                wi,
-                turn,
-                which[points] - first,
-                wo,
-                weight,
-                lambda at, *found, points=points, wi=wi: unknown.update(
-                    points[at[self._note(parameters[points[at]], wi[at], *found)]].tolist()
+                wi[points],
+                azimuth[points],
+                space,
+                share.reshape(len(points), -1, BLOCK),
+                lambda at, *found: unknown.update(
+                    points[at[self._note(parameters[points[at]], wi[points[at]], *found)]].tolist()
                 ),
             )
-            self.evaluations += sums.shape[0] * sums.shape[1] * BLOCK
-            self.seen.values += sums.size * BLOCK
             value[0, points] = sums[:, : blocks[0]].sum(axis=1)
             if len(rules) > 1:
                 value[1, points] = sums[:, blocks[0] :].sum(axis=1)
+
+        # Points of the same parameters together.
+        order = np.lexsort(parameters.T[::-1]) if evaluator.slow and self.swept else np.arange(len(mu))
+        cores = len(available_cores()) if evaluator.heavy else 1
+        most = max(1, min(evaluator.at_once // sum(blocks), -(-len(mu) // cores)))
+        side_by_side(piece, [order[i : i + most] for i in range(0, len(mu), most)], most=cores)
+        nodes = len(mu) * sum(blocks) * BLOCK
+        self.evaluations += nodes
+        self.seen.values += nodes * (evaluator.channels or 1)
         value[0, list(unknown)] = np.nan
         error = np.abs(value[0] - value[1]) if len(rules) > 1 else np.zeros_like(value[0])
         return (value[0, :, 0], error[:, 0]) if evaluator.channels is None else (value[0], error)
@@ -289,7 +297,7 @@ class PointwiseAlbedo:
             return adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep)
 
         points = list(zip(parameters[:, self._columns], cos_theta, azimuth, strict=True))
-        results = side_by_side(integrated, points)
+        results = side_by_side(integrated, points, most=8 if evaluator.heavy else 1)
         self.evaluations += sum(int(result.evaluations) for result in results)
         return np.array([result.value for result in results]), np.array([result.error for result in results])
 
@@ -357,16 +365,6 @@ def worst_channel(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.
     return np.take_along_axis(value, pick, -1)[:, 0], np.take_along_axis(error, pick, -1)[:, 0], worst
 
 
-def _in_blocks(wo: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tables of nodes cut into blocks: (m, blocks, 3, BLOCK) and (m, blocks, BLOCK). What fills up weighs nothing."""
-    size = weight.shape[1]
-    blocks = -(-size // BLOCK)
-    spare = blocks * BLOCK - size
-    wo = np.concatenate([wo, np.repeat(wo[..., -1:], spare, axis=2)], axis=2).reshape(len(wo), 3, blocks, BLOCK)
-    weight = np.concatenate([weight, np.zeros((len(weight), spare))], axis=1)
-    return np.moveaxis(wo, 1, 2), weight.reshape(len(wo), blocks, BLOCK)
-
-
 def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
     """Where a family is asked for what it is: at corners, in the middle and off it (at a corner it may be nothing at all)."""
     inside = [tuple((1 - part) * low + part * high for low, high in ranges) for part in (0.5, 0.37)]
@@ -427,6 +425,6 @@ def _turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, floa
 
 
 def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Unit vectors, shape (rows, 3, directions)."""
+    """Unit vectors, shape (3, rows, directions)."""
     sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=1)
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])

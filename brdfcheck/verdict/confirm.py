@@ -371,9 +371,15 @@ class Confirmation:
         if not len(places):
             return
         before, _ = surface.produce(places, RUNGS[-1])
-        accuracy = RUNGS[0] if self.hard else surface.rtol_of_limits
+        accuracy = RUNGS[0]
         value, error = surface.produce(places, accuracy, limit=True)
-        self._add(places, value, error, accuracy, limit=True)
+        # What is clearly lower than the best needs no digits.
+        rest = ~(value + error < max(self.winners.best, np.max(value - error, initial=-np.inf))) & (not self.hard)
+        self._add(places[~rest], value[~rest], error[~rest], accuracy, limit=True)
+        if np.any(rest):
+            accuracy = surface.rtol_of_limits
+            value[rest], error[rest] = surface.produce(places[rest], accuracy, limit=True)
+            self._add(places[rest], value[rest], error[rest], accuracy, limit=True)
         finite = np.isfinite(value)
         if self.unbounded is not None or not np.any(finite):
             return

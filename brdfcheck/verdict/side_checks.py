@@ -10,7 +10,7 @@ import numpy as np
 
 from brdfcheck import geometry
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.callables import BLOCK, Evaluator
+from brdfcheck.brdf.callables import BLOCK, Evaluator, in_rows
 from brdfcheck.brdf.factors import Normalized
 from brdfcheck.brdf.family import corners
 from brdfcheck.quadrature.albedo import lobe_values
@@ -136,12 +136,8 @@ def _function_values(evaluator: Evaluator, parameters: np.ndarray) -> Values:
     """`Values` of a function at parameters (places, swept names)."""
 
     def values(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        rows = -(-len(wi) // BLOCK)
-        spare = ((0, rows * BLOCK - len(wi)), (0, 0))
-        light, view = (
-            np.tile(np.moveaxis(np.pad(part, spare, mode="edge").reshape(rows, BLOCK, 3), 2, 1), (len(parameters), 1, 1))
-            for part in (wi, wo)
-        )
+        light, view = (np.tile(in_rows(part), (1, len(parameters), 1)) for part in (wi, wo))
+        rows = view.shape[1] // len(parameters)
         found = evaluator.rows(np.repeat(parameters, rows, axis=0), light, view)
         return found.reshape(len(parameters), rows * BLOCK, -1)[:, : len(wi)].astype(float)
 

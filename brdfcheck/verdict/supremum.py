@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.runtime import keep_freed_memory
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
@@ -92,6 +93,7 @@ def supremum(
     of the confirmed albedos, by default the best. `effort`: one of `EFFORTS`, how many points are scanned. A value that is not
     a number is returned as such where nothing else was found. Raises Finding where a user's BRDF fails.
     """
+    keep_freed_memory()
     search = _Search(albedo, threshold, rtol, effort, watch or (lambda points, best: None))
     with np.errstate(all="ignore"):
         found = search.run()
