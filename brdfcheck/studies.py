@@ -29,6 +29,8 @@ from brdfcheck.output import records
 from brdfcheck.processes import Finished
 
 SIZES = ("small", "full")
+WIDEST = 1200
+"""Pixels across a picture of a report."""
 FILES = ("record.json", "figure.png", "figure.svg", "summary.md")
 _GALLERY = "README.md"
 
@@ -114,10 +116,11 @@ def write_report(study: Study, record: Mapping[str, Any], reports: Path) -> Path
     record = json.loads(text)  # what is drawn is what is written
     figure = module.plot(record)
     records.write_atomically(place / "record.json", text)
-    for suffix in (".png", ".svg"):
-        records.write_atomically(place / f"figure{suffix}", plots.to_bytes(figure, suffix))
-    for name, content in (module.pictures(record) if hasattr(module, "pictures") else {}).items():
-        records.write_atomically(place / name, content)
+    pictures = module.pictures(record) if hasattr(module, "pictures") else {}
+    pictures["figure.png"] = plots.to_bytes(figure, ".png", widest=WIDEST)
+    for name, content in pictures.items():
+        records.write_atomically(place / name, plots.with_few_colours(content, WIDEST))
+    records.write_atomically(place / "figure.svg", plots.to_bytes(figure, ".svg", widest=WIDEST))
     page = f"# {study.question}\n\n![{study.question}](figure.png)\n\n{module.summary(record).strip()}\n\n{_made(record)}"
     records.write_atomically(place / "summary.md", page)
     return place
@@ -161,14 +164,12 @@ def write_gallery(reports: Path) -> Path:
 
 
 def to_json(record: Mapping[str, Any]) -> str:
-    """Strict JSON with a list of numbers on one line: a record is for reading too."""
-    text = records.to_json(record)
-    scalar = r"(?:-?[0-9][-+.0-9eE]*|\"(?:NaN|-?Infinity)\")"
+    """Strict JSON in which a list or mapping that holds no other is one line: a record is for reading too."""
 
     def flat(match: re.Match[str]) -> str:
-        return "[" + ", ".join(match.group(0)[1:-1].replace(",", " ").split()) + "]"
+        return re.sub(r"(,?)\n *", lambda gap: ", " if gap[1] else "", match[0])
 
-    return re.sub(rf"\[\s*{scalar}(?:,\s*{scalar})*\s*\]", flat, text)
+    return re.sub(r"[\[{][^\[\]{}]*[\]}]", flat, records.to_json(record))
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -6,6 +6,8 @@ in every process. Figures do not belong to pyplot: nothing global changes, nothi
 
 from __future__ import annotations
 
+import base64
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 KINDS = ("albedo-vs-n", "albedo-vs-angle", "heatmap", "factor")
 FORMATS = (".svg", ".png", ".pdf")
 _DPI = 200
+# How many colours pages are tried with, and the root mean square of the change (of 255) that hardly shows.
+_COLOURS, _HARDLY = (32, 64, 128, 256), 2.5
 # Dates and versions would change the bytes of an unchanged figure.
 _METADATA = {
     ".svg": {"Date": None, "Creator": None},
@@ -62,15 +66,53 @@ def figure(
         return draw(curves, scale, limits, title)
 
 
-def to_bytes(figure: Figure, suffix: str) -> bytes:
-    """The figure as a file of the format `suffix`, one of `FORMATS`. The same bytes each time."""
+def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes:
+    """The figure as a file of the format `suffix`, one of `FORMATS`. The same bytes each time.
+
+    `widest`: for pages that are kept, how many pixels across a PNG may have; images in an SVG get few colours.
+    """
     import io
 
     if suffix not in FORMATS:
         raise ValueError(f"the suffix must be one of {', '.join(FORMATS)}; got {suffix!r}")
     stream = io.BytesIO()
+    dpi = _DPI if widest is None else min(_DPI, widest / figure.get_figwidth())
     with house_style():
-        figure.savefig(stream, format=suffix[1:], dpi=_DPI, metadata=_METADATA[suffix])
+        figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=_METADATA[suffix])
+    return stream.getvalue() if suffix != ".svg" or widest is None else _EMBEDDED.sub(_smaller, stream.getvalue())
+
+
+_EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
+
+
+def _smaller(embedded: re.Match[bytes]) -> bytes:
+    return base64.b64encode(with_few_colours(base64.b64decode(embedded.group(0))))
+
+
+def with_few_colours(png: bytes, widest: int | None = None) -> bytes:
+    """A PNG with as few colours as hardly show, 256 at most, in a third of the space: for pages that are kept.
+
+    Shading that needs them all is dithered. What is wider than `widest` pixels is made smaller.
+    """
+    import io
+
+    import numpy as np
+    from PIL import Image
+
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    if widest is not None and image.width > widest:
+        image = image.resize((widest, round(image.height * widest / image.width)), Image.Resampling.LANCZOS)
+    fewer = image
+    for colours in _COLOURS:
+        palette = image.quantize(colours, Image.Quantize.MEDIANCUT)
+        fewer = image.quantize(
+            palette=palette, dither=Image.Dither.FLOYDSTEINBERG if colours == _COLOURS[-1] else Image.Dither.NONE
+        )
+        off = np.asarray(image, float) - np.asarray(fewer.convert("RGB"), float)
+        if np.sqrt(np.mean(off * off)) < _HARDLY:
+            break
+    stream = io.BytesIO()
+    fewer.save(stream, "PNG", optimize=True)
     return stream.getvalue()
 
 

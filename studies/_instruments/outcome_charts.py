@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck import plots
+from brdfcheck.studies import WIDEST
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,8 +46,14 @@ def cells(counts: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], list[tu
 
 
 def shown(counts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Markdown that shows the map of each method that was counted."""
-    return [f"`{method}`:\n\n![{method}]({file_of(method)})" for method in dict.fromkeys(row["method"] for row in counts)]
+    """Markdown that shows the map of each method that was counted; where all that was looked at holds, it says so."""
+    failed = dict.fromkeys((row["method"] for row in counts), 0)
+    for row in counts:
+        failed[row["method"]] += sum(row[name] for name in OUTCOMES if name != "holds")
+    return [
+        f"`{method}`:\n\n![{method}]({file_of(method)})" if count else f"`{method}`: all that was looked at holds."
+        for method, count in failed.items()
+    ]
 
 
 def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
@@ -83,9 +90,12 @@ def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
 def maps(
     results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float], **_: Any
 ) -> dict[str, bytes]:
-    """An `outcome_map` as PNG for each method of the results, by `file_of`."""
-    methods = dict.fromkeys(result["method"] for result in results)
-    return {file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png") for method in methods}
+    """An `outcome_map` as PNG for each method of the results of which not everything holds, by `file_of`."""
+    methods = dict.fromkeys(result["method"] for result in results if set("".join(result["outcomes"])) - {"0", "-"})
+    return {
+        file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png", widest=WIDEST)
+        for method in methods
+    }
 
 
 def outcome_map(
