@@ -56,15 +56,18 @@ def _shared_lobe(brdf: AbstractBRDF, cos_theta: Array, rtol: float | None) -> tu
     return value.reshape(shape), error.reshape(shape), count
 
 
-def paired_lobes(cores: AbstractBRDF, cos_theta: Any, rtol: float | None) -> tuple[np.ndarray, np.ndarray, int]:
+def paired_lobes(
+    cores: AbstractBRDF, cos_theta: np.ndarray, rtol: float | None, count: int
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Lobes with leaves batched over the same axis as the cosines, without their factors: (value, error, evaluations).
 
+    Of the rows, which are as many each time, the first `count` are wanted; the rest may be anything.
     `evaluations` counts those for one incidence. For lobes about an axis the work is split: the largest program, the
     nodes, serves all lobes of a form, so a process that looks at many lobes compiles a fraction of what it would.
     """
     if not isinstance(cores, AbstractZonalLobe):
-        value, error, count = _paired_facets(cores, cos_theta, rtol)
-        return np.asarray(value), np.asarray(error), count
+        value, error, evaluations = _paired_facets(cores, cos_theta, rtol, np.asarray(count))
+        return np.asarray(value), np.asarray(error), evaluations
     breaks, width, amplitude = (np.asarray(part) for part in _extents(cores))
     versine, weight = _nodes(cores.form, cos_theta, breaks, width, rtol)
     profile = np.asarray(_profiles(cores, versine))
@@ -114,20 +117,26 @@ def lobe_values(cores: AbstractZonalLobe, versine: np.ndarray, batch: int) -> np
 
 
 @eqx.filter_jit
-def _paired_facets(cores: AbstractBRDF, cos_theta: Any, rtol: float | None) -> tuple[Array, Array, int]:
+def _paired_facets(cores: AbstractBRDF, cos_theta: Any, rtol: float | None, count: Any) -> tuple[Array, Array, int]:
+    """One row after the other, up to `count`: a small request costs what it asks for, and all share a program."""
     dynamic, static = eqx.partition(cores, eqx.is_array)
-    count = 0
+    engine = engine_of(cores).at(rtol)
+    evaluations = 0
 
-    def cell(pair: tuple[Any, Array]) -> tuple[Array, Array]:
-        nonlocal count
-        leaves, mu = pair
+    def cell(index: Any) -> tuple[Array, Array]:
+        nonlocal evaluations
+        leaves, mu = jax.tree.map(lambda part: part[index], (dynamic, cos_theta))
         found = engine.integrate(eqx.combine(leaves, static), mu)
-        count = found.evaluations
+        evaluations = found.evaluations
         return found.value, found.error
 
-    engine = engine_of(cores).at(rtol)
-    value, error = batched(cell, (dynamic, cos_theta), cos_theta.size, engine.batch)
-    return value, error, count
+    def step(index: Any, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        return jax.tree.map(lambda rows, row: rows.at[index].set(row), found, cell(index))
+
+    one = jax.eval_shape(cell, 0)
+    empty = jax.tree.map(lambda part: jnp.zeros((cos_theta.size, *part.shape), part.dtype), one)
+    value, error = jax.lax.fori_loop(0, count, step, empty)
+    return value, error, evaluations
 
 
 def checked_cosines(cos_theta: Any) -> Array:

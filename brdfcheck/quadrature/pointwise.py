@@ -187,8 +187,9 @@ class PointwiseAlbedo:
         for start in range(0, len(mu), chunk):
             rows = slice(start, start + chunk)
             part = jax.tree.map(lambda leaf, rows=rows: leaf[rows], brdfs)
-            value, error, count = paired_lobes(part.core, mu[rows], rtol)
-            self.evaluations += min(chunk, len(cos_theta) - start) * count
+            wanted = min(chunk, len(cos_theta) - start)
+            value, error, count = paired_lobes(part.core, mu[rows], rtol, wanted)
+            self.evaluations += wanted * count
             if part.core is not part:
                 with np.errstate(all="ignore"):
                     # In numpy, not in a program: there would be one for each lobe and factor.

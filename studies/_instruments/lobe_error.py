@@ -171,7 +171,7 @@ def energies(form: CosineForm, exponents: Sequence[float]) -> dict[str, list[flo
     n = jnp.asarray(exponents, float)
     found = {}
     for name, factor in (("mirror", PhongExact()), ("half", BlinnPhongExact())):
-        value, _, _ = directional.paired_lobes(form.lobe(n, name), jnp.ones_like(n), None)
+        value, _, _ = directional.paired_lobes(form.lobe(n, name), np.ones(len(n)), None, len(n))
         found[name] = [float(albedo) for albedo in value * np.asarray(factor(n))]
     return found
 
