@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
@@ -59,6 +58,8 @@ def _accurate(
     """
     if albedo.fast or not edges.size:
         return edges
+    from scipy.optimize import brentq  # a fifth of a second, which is for those who need it
+
     angles = _ridge(albedo, box, edges, peak)[1]
     found = edges.copy()
     for index, (edge, angle, outward) in enumerate(zip(edges, angles, outwards, strict=True)):

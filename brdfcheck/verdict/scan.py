@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.spatial import KDTree
 
 from brdfcheck.verdict.surface import Surface
 
@@ -172,6 +170,8 @@ class Scan:
         good = np.flatnonzero(np.isfinite(points.values))
         if dimension == 0 or len(good) < 4 * (dimension + 1):
             return np.zeros((0, dimension))
+        from scipy.spatial import KDTree  # a quarter of a second, which commands that check nothing do without
+
         tree = KDTree(points.places[good])
         top = good[np.argsort(points.values[good])[::-1][: min(len(good), 4096)]]
         distance, neighbours = tree.query(points.places[top], k=2 * dimension + 2)
@@ -195,6 +195,9 @@ class Scan:
         neighbours = 2 * dimension + 4
         if not swept or angle is None or len(good) < 4 * neighbours:
             return np.zeros((0, dimension))
+        from scipy.ndimage import uniform_filter1d
+        from scipy.spatial import KDTree
+
         places, values = points.places[good], points.values[good]
         index = np.asarray(KDTree(places).query(places, k=neighbours + 1)[1])
         # What a plane through the neighbours says of a point; shrunk a little, for neighbours that lie on a line.
