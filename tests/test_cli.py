@@ -24,6 +24,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.cli import ExitCode, output
 from brdfcheck.cli import process as running
 from brdfcheck.output import text as console
+from brdfcheck.verdict.supremum import NORMAL_IS_WORST
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 
@@ -409,7 +410,7 @@ def test_what_an_answer_rests_on_in_words(reports: list) -> None:
         " or 2 % of all at once"
     )
     assert console.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
-    theorem = "theorem: normal incidence is the worst angle, 12.3k points over the parameters"
+    theorem = f"theorem: {NORMAL_IS_WORST}, 12.3k points over the parameters"
     assert console.basis_text(replace(report, basis="theorem", width={"n": 0.01})) == f"{theorem}, could miss 1 % of n"
 
 

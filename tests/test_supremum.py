@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
+from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.zonal import Zonal
 from brdfcheck.verdict import Verdict, judge
 from brdfcheck.verdict.climb import climb
-from brdfcheck.verdict.supremum import EFFORTS, Supremum, supremum
+from brdfcheck.verdict.supremum import EFFORTS, NEVER_ABOVE_ONE, Supremum, supremum
 
 Surface = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -53,7 +56,7 @@ class Planted(PointwiseAlbedo):
 
     fast = property(lambda self: not self._function)
     levels = property(lambda self: 3 if self._function else 1)
-    monotone = False
+    monotone = bounded = False
 
     def __init__(
         self,
@@ -244,6 +247,42 @@ def test_the_theorem_says_what_the_full_search_finds(name: str, monkeypatch: pyt
     assert (short.basis, full.basis) == ("theorem", "search")
     assert abs(short.value - full.value) <= short.error + full.error
     assert short.points < full.points or not family.ranges
+
+
+@pytest.mark.parametrize("name", ["cook-torrance", "beckmann-smith", "beckmann-smith-correlated", "ggx"])
+def test_masked_facets_are_never_above_one(name: str, monkeypatch: pytest.MonkeyPatch):
+    family = catalog.entry(name).family
+    short = supremum(PointwiseAlbedo(family))
+    assert (short.basis, short.theorem, short.settled) == ("theorem", NEVER_ABOVE_ONE, True)
+    assert judge(short.value, short.error, settled=short.settled) is Verdict.CONSERVES
+    monkeypatch.setattr(PointwiseAlbedo, "bounded", False)
+    full = supremum(PointwiseAlbedo(family))
+    assert full.basis == "search"
+    assert abs(short.value - full.value) <= short.error + full.error
+    assert 2 * short.points < full.points
+
+
+def test_the_theorem_on_facets_asks_for_its_premises():
+    half = np.array([0.5, 0.5])
+    assert CookTorrance(half, weights=half).bounded
+    assert GGX(0.3, f0=[0.2, 1.0, 0.5], masking="smith-separable").bounded
+    for lobe in (
+        CookTorrance(0.3, masking="none"),
+        CookTorrance(0.3, convention="published"),
+        CookTorrance(half, weights=[0.5, 0.6]),
+    ):
+        assert not lobe.bounded
+    # What is not known when a family is traced is no premise: weights that run beyond 1 violate.
+    family = Family("glows", lambda w: CookTorrance(0.3, weights=w), {"w": (0.5, 1.5)})
+    found = supremum(PointwiseAlbedo(family))
+    assert found.basis == "search"
+    assert found.value == pytest.approx(1.5 * float(albedo(CookTorrance(0.3), found.cos_theta).value), rel=1e-6)
+    # A premise that was true once: the search still looks.
+    bright = eqx.tree_at(lambda lobe: lobe.f0, CookTorrance(0.3, f0=0.5, fresnel="schlick"), jnp.asarray(2.0))
+    assert (
+        judge(*(lambda one: (one.value, one.error))(supremum(PointwiseAlbedo(Family("bright", lambda: bright)))))
+        is Verdict.VIOLATES
+    )
 
 
 def test_the_search_tells_how_far_it_is():

@@ -81,6 +81,11 @@ class AbstractBRDF(eqx.Module):
         """True where no incidence reflects more than the normal one, by theorem."""
         return False
 
+    @property
+    def bounded(self) -> bool:
+        """True where no albedo exceeds 1, whatever the parameters, by theorem."""
+        return False
+
 
 def core_of(brdf: Any) -> Any:
     """What is integrated of a BRDF: the lobe inside its factors, or the function as it is."""

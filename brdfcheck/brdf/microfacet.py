@@ -12,6 +12,7 @@ import abc
 from typing import ClassVar, Literal, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -74,6 +75,15 @@ def _checked(value: object, name: str, low: float, high: float, *, open_below: b
     return array
 
 
+def _reflects_at_most_all(f0: object, weights: object) -> bool:
+    """True where reflectances lie in [0, 1] and weights add up to 1 at most, as far as known: what is traced is not."""
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((f0, weights))):
+        return False
+    reflectances, shares = np.asarray(0.0 if f0 is None else f0), np.asarray(weights)
+    rounding = 4 * np.finfo(float).eps
+    return bool(np.all((reflectances >= 0) & (reflectances <= 1)) and np.all(shares >= 0) and np.sum(shares) <= 1 + rounding)
+
+
 def _choice(value: str, allowed: tuple[str, ...], name: str) -> str:
     if value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(allowed)}; got {value!r}")
@@ -86,6 +96,19 @@ class _FacetLobe(AbstractMicrofacetLobe):
     f0: eqx.AbstractVar[Array | None]
     fresnel: eqx.AbstractVar[str]
     masking: eqx.AbstractVar[str]
+    passive: eqx.AbstractVar[bool]
+
+    @property
+    def bounded(self) -> bool:
+        r"""True in the correct convention, with masking, Fresnel terms and weights known to be at most 1.
+
+        Theorem: then $E(\omega_i) \le 1$. What is seen of the facets covers the surface exactly,
+        $\int G_1(\omega_i) D(h) (\omega_i \cdot h)^+ dh = N \cdot \omega_i$, with Smith's $G_1$ (which is made for it) and with
+        that of V-cavities. With $d\omega_o = 4 (\omega_i \cdot h)\, dh$ the albedo is
+        $\int F G D (\omega_i \cdot h)^+ dh / (N \cdot \omega_i)$ over those h that reflect above the horizon, and
+        $G \le G_1(\omega_i)$, $F \le 1$ (Heitz 2014, Understanding the Masking-Shadowing Function).
+        """
+        return self.masking != "none" and self.scale() == 1 and self.passive
 
     @abc.abstractmethod
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -215,6 +238,7 @@ class CookTorrance(_FacetLobe):
     convention: str = eqx.field(static=True)
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
+    passive: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -229,6 +253,7 @@ class CookTorrance(_FacetLobe):
         self.m = _checked(m, "m", 0, np.inf, open_below=True)
         self.f0 = None if f0 is None else _checked(f0, "f0", 0, 1)
         self.weights = _checked(weights, "weights", 0, np.inf)
+        self.passive = _reflects_at_most_all(f0, weights)
         if self.m.shape != self.weights.shape or self.m.ndim > 1:
             raise ValueError(
                 f"m and weights must both be numbers or both have shape (k,); got {self.m.shape} and {self.weights.shape}"
@@ -287,12 +312,14 @@ class GGX(_FacetLobe):
     f0: Float[Array, "..."] | None
     masking: str = eqx.field(static=True)
     fresnel: str = eqx.field(static=True)
+    passive: bool = eqx.field(static=True)
     # The half-vector rule asks: derivatives at 90 degrees have no limit.
     long_tail: ClassVar[bool] = True
 
     def __init__(self, alpha: object, f0: object = None, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
         self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
         self.f0 = None if f0 is None else _checked(f0, "f0", 0, 1)
+        self.passive = _reflects_at_most_all(f0, 1.0)
         self.masking = _choice(masking, MASKINGS, "masking")
         self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
 

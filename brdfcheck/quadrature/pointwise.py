@@ -142,6 +142,11 @@ class PointwiseAlbedo:
         """True for lobes that are largest at normal incidence, by theorem."""
         return self._template is not None and self._template.monotone
 
+    @property
+    def bounded(self) -> bool:
+        """True for BRDFs whose albedo never exceeds 1, by theorem."""
+        return self._template is not None and self._template.bounded
+
     def brdfs(self, parameters: np.ndarray) -> Any:
         """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
         if not self.names:

@@ -153,8 +153,8 @@ def _report(
     found = {}
     if worst is not None:
         names = (
-            "error", "least", "cos_theta", "azimuth", "above", "basis", "points", "climbs", "settled", "width", "unbounded",
-            "channel", "channels",
+            "error", "least", "cos_theta", "azimuth", "above", "basis", "theorem", "points", "climbs", "settled", "width",
+            "unbounded", "channel", "channels",
         )  # fmt: skip
         found = {name: getattr(worst, name) for name in names}
         found |= {"albedo": worst.value, "parameters": {**family.held, **worst.parameters}}

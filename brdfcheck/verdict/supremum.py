@@ -33,8 +33,14 @@ from brdfcheck.verdict.surface import Watch as Watch
 from brdfcheck.verdict.winners import AROUND, Winners
 
 EFFORTS = ("quick", "normal", "thorough")
+NORMAL_IS_WORST = "normal incidence is the worst angle"
+NEVER_ABOVE_ONE = "masked facets never reflect more than they receive"
 _SCALE = {"quick": 0.25, "normal": 1.0, "thorough": 4.0}
 _STARTS = 40
+# The part of the points that are scanned where a theorem has the verdict.
+_BOUNDED = 0.25
+# How many of the highest points are confirmed then before any climb, and how near to 1 is as high as can be.
+_HIGHEST, _TOP = 4, 1e-9
 # Scans after the first one, at most.
 _AGAIN = 4
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
@@ -53,11 +59,11 @@ class Supremum:
 
     `value` +- `error` is the largest albedo, `parameters`, `cos_theta` and `azimuth` (radians) say where; `least` is what it
     is at least. `above` are the intervals of the single parameter in which some angle exceeds `threshold` (None where they
-    were not looked for). `basis`: "theorem" where the angle needed no search, else "search". `points` were scanned, `climbs`
-    begun; `settled` says that the last scan found nothing higher, and that no climb was left unfinished that might yet cross
-    the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle" and
-    "azimuth" in degrees, and "cell" in all at once. `unbounded` says where the albedo grows without bound (value and error are
-    then infinite), `channel` which channel is the largest.
+    were not looked for). `basis`: "theorem" where one holds (`theorem` says which), else "search". `points` were scanned,
+    `climbs` begun; `settled` says that the last scan found nothing higher, and that no climb was left unfinished that might
+    yet cross the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle"
+    and "azimuth" in degrees, and "cell" in all at once. `unbounded` says where the albedo grows without bound (value and error
+    are then infinite), `channel` which channel is the largest.
     """
 
     value: float
@@ -69,6 +75,7 @@ class Supremum:
     above: tuple[tuple[float, float], ...] | None = field(default=None)
     least: float = -np.inf
     basis: str = "search"
+    theorem: str | None = None
     points: int = 0
     climbs: int = 0
     settled: bool = True
@@ -108,7 +115,9 @@ class _Search:
     """One search: its surface, what it has scanned, and what it has confirmed."""
 
     def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, watch: Watch):
-        self.threshold, self.scale = threshold, _SCALE[effort]
+        self.bounded = albedo.bounded and threshold >= 1
+        # Where the verdict is a theorem's, only the value is left to look for.
+        self.threshold, self.scale = threshold, _SCALE[effort] * (_BOUNDED if self.bounded else 1)
         self.surface = Surface(albedo, rtol, watch)
         self.scan = Scan(self.surface, self.scale)
         self.winners = Winners(self.surface.box)
@@ -126,6 +135,10 @@ class _Search:
     def run(self) -> Supremum:
         surface, scan, winners = self.surface, self.scan, self.winners
         self.tell()
+        if self.bounded:
+            self.confirm.places(scan.points.places[np.argsort(-scan.points.values)[:_HIGHEST]])
+            if winners.least >= 1 - _TOP:  # there is nothing left to find
+                return self.answer(True)
         self.ascend(scan.points, _STARTS)
         self.rivals()
         self.confirm.graze(int(_GRAZING_LIGHT * self.scale))
@@ -317,7 +330,8 @@ class _Search:
         surface, winners = self.surface, self.winners
         common = {
             "threshold": self.threshold,
-            "basis": "theorem" if surface.theorem else "search",
+            "basis": "theorem" if surface.theorem or self.bounded else "search",
+            "theorem": NORMAL_IS_WORST if surface.theorem else NEVER_ABOVE_ONE if self.bounded else None,
             "points": surface.count,
             "climbs": self.climbs,
             "width": self.scan.width(self.resolved),
@@ -337,6 +351,8 @@ class _Search:
             promise = float(np.max(self.scan.points.reach[self.doubtful()], initial=-np.inf))
             upper = max(upper, winners.best + self.kept * max(promise - winners.best, 0))
             settled &= not winners.unsettled(self.threshold)
+        if self.bounded:  # whatever the search left open is not above 1
+            upper, settled = min(upper, 1.0), True
         bar = max(upper - value, error)
         if winners.broken or surface.unknown():  # somewhere the albedo is not known at all
             bar = np.inf if least <= self.threshold else bar

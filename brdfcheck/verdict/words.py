@@ -118,7 +118,8 @@ def basis_text(report: Report) -> str:
         return "nothing could be evaluated"
     looked = f"{report.basis}, {count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
     if report.basis == "theorem":
-        looked = f"theorem: normal incidence is the worst angle, {count_text(report.points)} points over the parameters"
+        over = "" if "angle" in report.width else " over the parameters"
+        looked = f"theorem: {report.theorem}, {count_text(report.points)} points{over}"
     if not report.settled:
         looked += ", not settled"
     missed = width_text(report.width)
