@@ -20,7 +20,7 @@ from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict
 from brdfcheck.verdict.report import judge as judge
 from brdfcheck.verdict.side_checks import SideChecks
-from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, supremum
+from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
 
 
 def check(
@@ -90,9 +90,10 @@ def check_family(
     albedo: PointwiseAlbedo | None = None
     try:
         albedo = PointwiseAlbedo(family)
-        if albedo.slow:
-            notes.append("JAX cannot trace this function: evaluated with numpy, which is slower")
         if albedo.evaluator is not None:
+            notes += [albedo.evaluator.note] if albedo.evaluator.note else []
+            if effort != (effort := affordable(effort, albedo)):
+                notes.append(f"the search made the effort {effort!r}, for a call for each pair is slow")
             findings += _batches(albedo)
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
