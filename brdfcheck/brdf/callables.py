@@ -82,6 +82,11 @@ class Evaluator:
             self._compile()
 
     @property
+    def function(self) -> Callable[..., Any]:
+        """Of a family without parameters, f for arrays of directions, as it is: no program."""
+        return self._caller.brdf(())
+
+    @property
     def note(self) -> str | None:
         """How the function is called, where that is not the usual way, and what another way of writing it gains."""
         return self._caller.note

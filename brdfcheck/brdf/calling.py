@@ -170,6 +170,7 @@ def traced_one_by_one(function: Callable[..., Any]) -> Callable[..., Any]:
     chosen = by_branches(function)
 
     def brdf(wi: Any, wo: Any) -> Any:
+        wi, wo = jnp.broadcast_arrays(wi, wo)
         values = jax.vmap(chosen)(wi.reshape(-1, 3), wo.reshape(-1, 3))
         return values.reshape(wi.shape[:-1] + values.shape[1:])
 
@@ -184,7 +185,8 @@ def called_one_by_one(function: Callable[..., Any], channels: int | None = None)
     tail = () if channels is None else (channels,)
 
     def brdf(wi: Any, wo: Any) -> np.ndarray:
-        shape, pairs = np.shape(wi)[:-1], (np.asarray(wi).reshape(-1, 3), np.asarray(wo).reshape(-1, 3))
+        wi, wo = np.broadcast_arrays(wi, wo)
+        shape, pairs = wi.shape[:-1], (wi.reshape(-1, 3), wo.reshape(-1, 3))
         values = [function(i, o) for i, o in zip(*pairs, strict=True)]
         try:
             found = np.asarray(values)

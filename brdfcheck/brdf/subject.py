@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
@@ -26,6 +27,8 @@ from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from brdfcheck.brdf.family import Family
+
+_log = logging.getLogger("brdfcheck")
 
 Range = tuple[float, float]
 
@@ -300,6 +303,7 @@ def _refusal(family: Family, *, user: bool) -> str | None:
         raise UsageError(f"{family.name} at {shown}: {one_line(error)}") from None
     if not user:
         raise error
+    _log.debug("%s", family.name, exc_info=error)
     return f"{family.build.__name__}({shown}) raised {told(error)}"
 
 
@@ -346,6 +350,19 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
     return catalog.entry(name).family, name
 
 
+def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
+    """UsageError where a reading is for none of these: names, and what they stand for."""
+    what = ""
+    if reading.for_shaders and not any(isinstance(value, AbstractFile) for value in values.values()):
+        what = f"{OPTIONS} are for shader files"
+    elif reading.per_cosine and not any(map(is_file_spec, values)):
+        what = "--returns is for functions in files"
+    if what:
+        raise UsageError(
+            f"{what}; none of {', '.join(values)} is one" if len(values) > 1 else f"{what}; {next(iter(values))} is none"
+        )
+
+
 def resolve(
     names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
 ) -> list[Target]:
@@ -369,10 +386,8 @@ def resolve(
         else:
             waiting.append((len(targets), value, spec))
             targets.append(Target(None))
-    if reading is not None and reading.for_shaders and not any(isinstance(value, AbstractFile) for _, value, _ in waiting):
-        raise UsageError(f"{OPTIONS} are for shader files; none of {', '.join(names)} is one")
-    if reading is not None and reading.per_cosine and not any(map(is_file_spec, names)):
-        raise UsageError(f"--returns is for functions in files; none of {', '.join(names)} is one")
+    if reading is not None:
+        refuse_reading(reading, dict.fromkeys(names) | {spec: value for _, value, spec in waiting})
     for index, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
         own = signature_of(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from typing import Any
 
@@ -21,6 +22,8 @@ from brdfcheck.verdict.report import Verdict as Verdict
 from brdfcheck.verdict.report import judge as judge
 from brdfcheck.verdict.side_checks import SideChecks
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
+
+_log = logging.getLogger("brdfcheck")
 
 
 def check(
@@ -101,6 +104,7 @@ def check_family(
         evidence = Evidence(albedo, worst.parameters)
         checks = [made(evidence) for made in CHECKS.values()]
     except Finding as finding:
+        _log.debug("%s", family.name, exc_info=True)
         findings.append(str(finding))
     findings += [found.words for found in checks if not found.passed]
     side = evidence.side if evidence is not None and checks else None
