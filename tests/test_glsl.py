@@ -187,7 +187,7 @@ def test_options_belong_to_shaders(tmp_path: Path) -> None:
     for name in ("phong", f"{python}:f"):
         with pytest.raises(UsageError, match="-D, -I and --args are for shader files"):
             resolve([name], {}, None, Reading(folders=("include",)))
-    with pytest.raises(UsageError, match="--returns is for functions in files; none of phong, ggx is one"):
+    with pytest.raises(UsageError, match="--returns is for functions in files; got phong, ggx"):
         resolve(["phong", "ggx"], {}, None, Reading(returns="brdf*cos"))
 
 

@@ -358,9 +358,7 @@ def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
     elif reading.per_cosine and not any(map(is_file_spec, values)):
         what = "--returns is for functions in files"
     if what:
-        raise UsageError(
-            f"{what}; none of {', '.join(values)} is one" if len(values) > 1 else f"{what}; {next(iter(values))} is none"
-        )
+        raise UsageError(f"{what}; got {', '.join(values)}")
 
 
 def resolve(

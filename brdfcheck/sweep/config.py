@@ -24,6 +24,7 @@ What is wrong with the file is a `UsageError` in one line that names the place, 
 from __future__ import annotations
 
 import dataclasses
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -34,7 +35,7 @@ import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Strict, Tag, model_validator
 
 from brdfcheck.brdf.readers.base import Reading
-from brdfcheck.brdf.readers.table import ReadingTable, as_table, beside
+from brdfcheck.brdf.readers.table import ReadingTable, as_table
 from brdfcheck.documents import Model, read_document, shown, validated
 from brdfcheck.messages import UsageError
 
@@ -158,7 +159,8 @@ def read_config(path: str | Path, reading: Reading | None = None) -> Config:
         return config
     if not config.reading.is_plain:
         raise UsageError(f"{label}: reading: the options -D, -I, --args and --returns say it, too; leave out one of them")
-    return dataclasses.replace(config, reading=beside(reading, Path().resolve()))
+    seen = tuple(os.path.relpath(part, config.folder) for part in reading.folders)
+    return dataclasses.replace(config, reading=dataclasses.replace(reading, folders=seen))
 
 
 def parse(document: Mapping[str, Any], *, folder: Path | None = None, label: str = "config") -> Config:
