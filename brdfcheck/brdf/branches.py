@@ -61,11 +61,12 @@ def _along(way: _Way) -> Iterator[None]:
             return _local.way.decide(self)
 
     with _lock:
+        before = getattr(_local, "way", None)
         _local.way, Tracer.__bool__ = way, answer
         try:
             yield
         finally:
-            _local.way, Tracer.__bool__ = None, plain
+            _local.way, Tracer.__bool__ = before, plain
 
 
 def by_branches(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -26,7 +26,7 @@ _MOST_CHANNELS = 256
 # and for one pair of directions at a time (else for arrays of them).
 _WAYS = ((False, False), (True, False), (False, True), (True, True))
 _SAMPLES = 24
-_ONE_PAIR = "it takes one pair of directions"
+_ONE_PAIR = "takes one pair of directions"
 
 
 class Caller:
@@ -57,7 +57,7 @@ class Caller:
             raise Finding(f"{self.name} returned {self.channels} channels; at most {_MOST_CHANNELS} are looked at")
         self.dtype = shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else np.dtype(float)
         if self.slow:
-            how = f"{_ONE_PAIR}, called for each of them" if self.single else "evaluated with numpy"
+            how = "called for each pair of directions" if self.single else "evaluated with numpy"
             _log.warning("%s cannot be traced by JAX: %s, which is slower", self.name, how)
 
     @property
@@ -65,7 +65,7 @@ class Caller:
         """How the function is called where that is not the usual way, and what another way of writing it gains."""
         if self.slow and self.single:
             return (
-                f"{_ONE_PAIR} and JAX cannot trace it: called for each pair. Written for arrays of directions (wi[..., 2] for"
+                f"{_ONE_PAIR}, and JAX cannot trace it: called for each pair. Written for arrays of directions (wi[..., 2] for"
                 " wi[2], jnp.where for if, jnp.sqrt for math.sqrt) it is evaluated some 100 times as fast, at more points"
             )
         if self.slow:

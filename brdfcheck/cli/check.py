@@ -72,8 +72,9 @@ Examples:
   brdfcheck check disney.brdf --over metallic=1
   brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
 
-A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3) with the normal
-along +z, in 1/sr; or a class or a factory that takes parameters and makes one; or a
+A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3), or of one pair (3,),
+with the normal along +z, in 1/sr; or one of angles (theta_i, phi_i, theta_o, phi_o) or
+(theta_h, theta_d, phi_d); or a class or a factory that takes parameters and makes one; or a
 shader file (.brdf, .glsl, .frag, .hlsl, .slang), whose parameters run over the ranges
 that the file gives, or over yours.
 

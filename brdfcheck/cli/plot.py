@@ -326,9 +326,9 @@ def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
         name, n = str(result["name"]), (float(result["n"][0]), float(result["n"][1]))
         said = result.get("settings") or {}
         ranges = {key: (float(low), float(high)) for key, (low, high) in said.get("over", {}).items()} | {"n": n}
-        how = said.get("reading", {})
-        how = Reading(**{key: value if isinstance(value, (str, dict)) else tuple(value) for key, value in how.items()})
-        target: Any = resolve([name], ranges, None, how)[0].family if is_file_spec(name) else name
+        how: dict[str, Any] = said.get("reading", {})
+        given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in how.items()}
+        target: Any = resolve([name], ranges, None, Reading(**given))[0].family if is_file_spec(name) else name
         return curves.fitted(settings.kind, target, result, samples=settings.samples)
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise UsageError(f"{file}: the fit is damaged: {type(error).__name__}: {one_line(error)}") from error
