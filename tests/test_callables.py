@@ -115,7 +115,7 @@ class Unarray:
     ("function", "message"),
     [
         (raises, "raised RuntimeError: boom"),
-        (lambda wi, wo: wo[2], r"returned shape \(3,\) .* index the last axis, wi\[..., 2\]"),
+        (lambda wi, wo: wo[..., None], r"returned shape \(1, 3, 1\) .* index the last axis, wi\[..., 2\]"),
         (lambda wi, wo: wo[..., :2][None], r"returned shape \(1, 1, 2\) for directions of shape \(1, 3\)"),
         (lambda wi, wo: wo[..., :0], r"returned shape \(1, 0\)"),
         (lambda wi, wo: wo[..., 2] + 1j, "complex values"),

@@ -61,7 +61,7 @@ MINE = """
         return 1j * wi[..., 2]
 
     def wrong_shape(wi, wo):
-        return wi[2]
+        return wi[..., None]
 
     def one_way(wi, wo):
         return wi[..., 2] / (4 * np.pi)

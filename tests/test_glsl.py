@@ -185,8 +185,10 @@ def test_includes_and_macros(tmp_path: Path) -> None:
 def test_options_belong_to_shaders(tmp_path: Path) -> None:
     python = write(tmp_path, "def f(wi, wo): return wi[..., 2]\n", "mine.py")
     for name in ("phong", f"{python}:f"):
-        with pytest.raises(UsageError, match="-D, -I, --args and --returns are for shader files"):
-            resolve([name], {}, None, Reading(returns="brdf*cos"))
+        with pytest.raises(UsageError, match="-D, -I and --args are for shader files"):
+            resolve([name], {}, None, Reading(folders=("include",)))
+    with pytest.raises(UsageError, match="--returns is for functions in files; got phong, ggx"):
+        resolve(["phong", "ggx"], {}, None, Reading(returns="brdf*cos"))
 
 
 def test_a_range_may_belong_to_one_of_several(tmp_path: Path) -> None:

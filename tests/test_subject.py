@@ -227,7 +227,8 @@ def test_parameters_are_checked_before_the_work(kinds: str, name: str, ranges: d
 
 
 def test_a_factory_of_the_user_that_raises_is_a_finding(kinds: str) -> None:
-    assert one(f"{kinds}:picky", n=(1.0, 10.0)).finding == "picky(n=10) raised RuntimeError: too large"
+    line = 1 + KINDS.splitlines().index('            raise RuntimeError("too large")')
+    assert one(f"{kinds}:picky", n=(1.0, 10.0)).finding == f"picky(n=10) raised RuntimeError: too large ({kinds}:{line})"
 
 
 # --- the catalogue, and both together ---

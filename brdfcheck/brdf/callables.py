@@ -6,8 +6,6 @@ real. NaN, infinite and negative values are passed on; they are judged where the
 
 from __future__ import annotations
 
-import logging
-import threading
 import time
 from collections.abc import Callable, Mapping
 from itertools import pairwise
@@ -16,11 +14,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
+from brdfcheck.brdf.blame import Finding as Finding
+from brdfcheck.brdf.blame import told
+from brdfcheck.brdf.calling import name_of as name_of
+from brdfcheck.brdf.ways import Caller, sample
 from brdfcheck.runtime import double_precision, understood
-
-_log = logging.getLogger("brdfcheck")
 
 BLOCK = 760
 """Directions of a row: what a program takes for one incidence."""
@@ -36,20 +35,6 @@ ALIGNED = 64
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
 _NUMPY_CALL = 7 * BLOCK
-_MOST_CHANNELS = 256
-_INDEXING = "directions come as arrays of shape (k, 3): index the last axis, wi[..., 2] and not wi[2]"
-
-
-class Finding(ValueError):
-    """Something wrong with a user's BRDF that keeps it from being integrated. The message says what."""
-
-
-def name_of(function: object) -> str:
-    """A short name for messages: of a lobe with its factor, both."""
-    lobe, factor = getattr(function, "lobe", None), getattr(function, "factor", None)
-    if lobe is not None and factor is not None:
-        return f"{name_of(lobe)} times {name_of(factor)}"
-    return getattr(function, "__name__", type(function).__name__)
 
 
 def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
@@ -72,50 +57,39 @@ def with_options_of(first: Any, second: Callable[..., Any]) -> Callable[..., Any
 class Evaluator:
     """A family of BRDFs, ``build(**parameters) -> f(wi, wo)``, evaluated on arrays of directions.
 
-    Two paths, tried in this order: one JAX program for all parameters; plain Python with numpy arrays, which `slow` reports
-    and a log message announces. A family without parameters is built before it is traced. `epsilon` is the rounding of the
-    answers' type, `channels` their last axis (None for one number a direction), `alone` says that each direction is evaluated
-    as if it were the only one.
+    Four ways, of which the first that works is taken: one JAX program for all parameters; plain Python with numpy arrays, which
+    `slow` reports and a log message announces; and for functions that take `single` pairs of directions, a program again, by
+    jax.vmap, or a call for each pair. A family without parameters is built before it is traced. `epsilon` is the rounding of
+    the answers' type, `channels` their last axis (None for one number a direction), `alone` says that each direction is
+    evaluated as if it were the only one.
 
     Raises Finding where the BRDF raises or returns something that is not a number, or numbers, for each direction.
     """
 
     def __init__(self, build: Callable[..., Any], parameters: Mapping[str, float]):
         self.names = tuple(parameters)
-        self.slow = self.alone = False
-        self._build = build
-        self._name = name_of(build)
+        self.alone = False
+        self._caller = caller = Caller(build, parameters)
+        self.slow, self.single, self.channels = caller.slow, caller.single, caller.channels
+        self._name, self._dtype = caller.name, caller.dtype
         self._options = understood(getattr(build, "compiler_options", None))
-        self._local = threading.local()
         self._fastest = np.inf
-        middle = np.array([list(parameters.values())], float)
-        try:
-            # Only tracing tells whether a function can be traced, and it compiles nothing.
-            shapes = [self._traced(count, middle[0]) for count in (1, 2, 3)]
-        except Finding:
-            raise
-        except Exception:  # whatever tracing throws: some functions need numbers where JAX shows them tracers
-            self.slow = True
-            shapes = [self._called(middle[0], *_sample(count)) for count in (1, 2, 3)]
-        checked = [self._shape_of(shape, count) for shape, count in zip(shapes, (1, 2, 3), strict=True)]
-        if len({channels for channels in checked if channels is not None}) > 1:
-            raise Finding(
-                f"{self._name} returned shape {shapes[1].shape} for 2 directions and {shapes[2].shape} for 3: the number of"
-                " channels follows the number of directions, as where every wi meets every wo; for wi.wo of each pair write"
-                " sum(wi * wo, axis=-1)"
-            )
-        self.channels = next((channels for channels in checked if channels is not None), None)
-        if self.channels is not None and self.channels > _MOST_CHANNELS:
-            raise Finding(f"{self._name} returned {self.channels} channels; at most {_MOST_CHANNELS} are looked at")
-        self._dtype = shapes[1].dtype if jnp.issubdtype(shapes[1].dtype, jnp.floating) else np.dtype(float)
         self.epsilon = float(jnp.finfo(self._dtype).eps)
         most = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
         self._group = min(_GROUP_ON_CPU if jax.default_backend() == "cpu" else _GROUP, most)
         self._rows = most // self._group * self._group
-        if self.slow:
-            _log.warning("%s cannot be traced by JAX: evaluated with numpy, which is slower", self._name)
-        else:
+        if not self.slow:
             self._compile()
+
+    @property
+    def function(self) -> Callable[..., Any]:
+        """Of a family without parameters, f for arrays of directions, as it is: no program."""
+        return self._caller.brdf(())
+
+    @property
+    def note(self) -> str | None:
+        """How the function is called, where that is not the usual way, and what another way of writing it gains."""
+        return self._caller.note
 
     def evaluated_alone(self) -> bool:
         """From now on evaluate each direction as if it were the only one. False where that would take forever (numpy)."""
@@ -124,89 +98,13 @@ class Evaluator:
             self._compile()
         return not self.slow
 
-    # --- what the function is asked ---
-
-    def _brdf(self, parameters: Any) -> Callable[..., Any]:
-        try:
-            brdf = self._build(**dict(zip(self.names, parameters, strict=True)))
-        except Exception as error:
-            if any(isinstance(value, Tracer) for value in parameters):
-                raise
-            shown = self._shown(parameters) or "()"
-            raise Finding(f"{self._name}{shown} raised {type(error).__name__}: {error}{_hint(error)}") from error
-        if not callable(brdf):
-            kind = "a number or an array" if hasattr(brdf, "dtype") else type(brdf).__name__
-            raise Finding(f"{self._name} returned {kind}, which is not a function f(wi, wo)")
-        return brdf
-
-    def _shown(self, parameters: Any) -> str:
-        """The parameters of a call, for messages; nothing where there are none."""
-        values = ", ".join(f"{key}={float(value):g}" for key, value in zip(self.names, parameters, strict=True))
-        return f"({values})" if values else ""
-
-    def _traced(self, count: int, middle: np.ndarray) -> Any:
-        brdf = None if self.names else self._brdf(())
-        wi, _ = _sample(count)
-
-        def values(parameters: Any, wi: Any, wo: Any) -> Any:
-            return (brdf or self._brdf(parameters))(wi, wo)
-
-        with double_precision(), np.errstate(all="ignore"):
-            parameters = tuple(jax.ShapeDtypeStruct((), np.float64) for _ in middle)
-            direction = jax.ShapeDtypeStruct(wi.shape, np.float64)
-            found = jax.eval_shape(values, parameters, direction, direction)
-        if not hasattr(found, "shape"):
-            raise Finding(
-                f"{self._name} returned {type(found).__name__}, not an array of numbers (numpy.asarray makes one of a list)"
-            )
-        return found
-
-    def _called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """One call of the plain function. It gets arrays of its own: it may write to them."""
-        try:
-            with np.errstate(all="ignore"), double_precision():
-                result = self._bound(parameters)(wi.copy(), wo.copy())
-        except Finding:
-            raise
-        except Exception as error:
-            raise Finding(
-                f"{self._name}{self._shown(parameters)} raised {type(error).__name__}: {error}{_hint(error)}"
-            ) from error
-        try:
-            return np.asarray(result)
-        except Exception as error:
-            raise Finding(f"{self._name} returned {type(result).__name__}, not an array of numbers") from error
-
-    def _bound(self, parameters: np.ndarray) -> Callable[..., Any]:
-        key = tuple(float(value) for value in parameters)
-        if getattr(self._local, "key", None) != key:
-            self._local.brdf = self._brdf(key)
-            self._local.key = key
-        return self._local.brdf
-
-    def _shape_of(self, values: Any, count: int) -> int | None:
-        """The channels of an answer for `count` directions; Finding where it is none."""
-        dtype, shape = np.dtype(values.dtype), values.shape
-        if dtype.kind == "c":
-            raise Finding(f"{self._name} returned complex values ({dtype})")
-        if dtype.kind not in "biuf" and not jnp.issubdtype(dtype, jnp.floating):
-            raise Finding(f"{self._name} returned values of type {dtype}, not numbers")
-        if shape == () or (len(shape) == 1 and shape[0] == count):
-            return None
-        if len(shape) == 2 and shape[0] == count and shape[1] > 0:
-            return shape[1]
-        raise Finding(
-            f"{self._name} returned shape {shape} for directions of shape ({count}, 3); expected ({count},) or"
-            f" ({count}, channels): {_INDEXING}"
-        )
-
     # --- programs ---
 
     def _compile(self) -> None:
-        brdf = None if self.names else self._brdf(())
+        brdf = None if self.names else self._caller.brdf(())
 
         def row(parameters: Any, turn: Any, wi: Any, wo: Any) -> Any:
-            function = brdf or self._brdf(tuple(parameters[i] for i in range(len(self.names))))
+            function = brdf or self._caller.brdf(tuple(parameters[i] for i in range(len(self.names))))
             c, s = turn[0], turn[1]
             # Components come as arrays of their own, which XLA fuses better than triples.
             light = jnp.stack([jnp.broadcast_to(part, (BLOCK,)) for part in wi], axis=-1)
@@ -315,7 +213,7 @@ class Evaluator:
             with np.errstate(all="ignore"), double_precision():
                 values = np.asarray(self._program(-(-count // self._group), *arguments))[:count]
         except Exception as error:
-            raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+            raise Finding(f"{self._name} raised {told(error)}") from error
         self._fastest = min(self._fastest, (time.perf_counter() - began) / count)
         return values.reshape(count, BLOCK, -1)
 
@@ -346,8 +244,8 @@ class Evaluator:
         return evaluate
 
     def _numpy_call(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        values = self._called(parameters, wi, wo)
-        channels = self._shape_of(values, len(wi))
+        values = self._caller.called(parameters, wi, wo)
+        channels = self._caller.shape_of(values, len(wi))
         if channels is not None and channels != self.channels:
             raise Finding(f"{self._name} returned {self.channels or 1} channels for 2 directions, {channels} for {len(wi)}")
         values = values if values.dtype.kind == "f" else values.astype(float)
@@ -361,7 +259,7 @@ class Evaluator:
         Raises Finding where it is not even what it was before.
         """
         place = np.array([float(parameters[name]) for name in self.names])
-        wi, wo = _sample(24)
+        wi, wo = sample()
         bound = self.bind(parameters)
 
         def together(order: np.ndarray) -> np.ndarray:
@@ -400,32 +298,18 @@ class Evaluator:
         """f for batches as small as they are given, traced anew: (k, 3) twice -> (k, channels or 1)."""
         if self.slow:
             return lambda wi, wo: self._numpy_call(place, wi, wo)
-        brdf = None if self.names else self._brdf(())
-        program = jax.jit(lambda p, wi, wo: (brdf or self._brdf(tuple(p)))(wi, wo), compiler_options=self._options)
+        brdf = None if self.names else self._caller.brdf(())
+        program = jax.jit(lambda p, wi, wo: (brdf or self._caller.brdf(tuple(p)))(wi, wo), compiler_options=self._options)
 
         def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             try:
                 with np.errstate(all="ignore"), double_precision():
                     values = np.asarray(program([np.asarray(value) for value in place], wi, wo))
             except Exception as error:
-                raise Finding(f"{self._name} raised {type(error).__name__}: {error}") from error
+                raise Finding(f"{self._name} raised {told(error)}") from error
             return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
 
         return evaluate
-
-
-def _hint(error: Exception) -> str:
-    """What an error of a user's function most often comes from, in brackets; nothing where that is not known."""
-    text = str(error)
-    if "interpreted as an integer" in text:
-        return " (parameters are passed as floats: use int(k), or declare k: int and hold it at one value)"
-    if isinstance(error, IndexError) or "ambiguous" in text or ("indices" in text and isinstance(error, TypeError)):
-        return f" ({_INDEXING}, and choose by where, not by if)"
-    if "to unpack" in text:
-        return f" ({_INDEXING}; x, y, z = wi.T takes them apart)"
-    if isinstance(error, TypeError) and "arrays can be converted to Python scalars" in text:
-        return " (functions of math take one number: use those of numpy or jax.numpy)"
-    return ""
 
 
 def in_rows(directions: np.ndarray, space: np.ndarray | None = None) -> np.ndarray:
@@ -450,14 +334,3 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     space = np.empty(size + ALIGNED // 8)
     start = -space.ctypes.data % ALIGNED // 8
     return space[start : start + size].reshape(shape)
-
-
-def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of directions, no two alike, shape (count, 3) each."""
-    random = np.random.default_rng(11)
-    cosine, azimuth = random.uniform(0.3, 0.95, (2, 24)), random.uniform(0, 2 * np.pi, (2, 24))
-    # Some are near the mirror direction, where a sharp lobe is not zero.
-    cosine[1, ::3], azimuth[1, ::3] = cosine[0, ::3] * 1.01, azimuth[0, ::3] + np.pi + 0.01
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    wi, wo = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
-    return wi[:count], wo[:count]

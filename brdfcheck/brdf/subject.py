@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from brdfcheck.brdf.blame import told
+from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, directional, over_cosine
 from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of
@@ -25,10 +28,10 @@ from brdfcheck.messages import UsageError, one_line
 if TYPE_CHECKING:
     from brdfcheck.brdf.family import Family
 
+_log = logging.getLogger("brdfcheck")
+
 Range = tuple[float, float]
 
-# Names under which people pass the two directions; anything else that has no default is a parameter.
-_DIRECTIONS = frozenset(("wi", "wo", "w_i", "w_o", "omega_i", "omega_o", "incoming", "outgoing", "light", "view", "l", "v"))
 # Exponents and roughnesses are never directions.
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
 # What a parameter runs over when a class of this package is given without ranges.
@@ -66,9 +69,10 @@ class Signature:
 
 
 def signature_of(value: Any) -> Signature:
-    """The parameters of a family, a class, a function or a factory."""
+    """The parameters of a family, a class, a function or a factory, its directions or angles as wi and wo."""
     from brdfcheck.brdf.family import Family
 
+    value = directional(value)
     if isinstance(value, AbstractFile):
         return Signature(value.required, value.names, value.whole, value.whole, frozenset(), False)
     if isinstance(value, Family):
@@ -134,11 +138,12 @@ def as_target(
         return value
     if isinstance(value, str):
         return resolve([value], ranges, cos_theta, reading)[0]
-    if reading is not None and not reading.is_plain:
-        raise UsageError(f"{OPTIONS} are for shader files; got {type(value).__name__}")
     from brdfcheck.brdf.callables import name_of
     from brdfcheck.brdf.family import Family
 
+    if reading is not None and (reading.for_shaders or (reading.per_cosine and isinstance(value, (Family, AbstractFile)))):
+        what = OPTIONS if reading.for_shaders else "--returns"
+        raise UsageError(f"{what}: a {type(value).__name__} has been read already; give the file, or the function")
     if isinstance(value, Family):
         unknown = [name for name in ranges if name not in value.ranges]
         if unknown:
@@ -147,9 +152,9 @@ def as_target(
         return Target(dataclasses.replace(value, ranges={**value.ranges, **ranges}, cos_theta=angles))
     if isinstance(value, AbstractFile):
         return family_of(value, value.spec, ranges, cos_theta)
-    if not callable(value):
+    if not callable(directional(value)):
         raise TypeError(f"a BRDF must be callable, f(wi, wo), or a catalogue name; got {type(value).__name__}")
-    return family_of(value, name_of(value), ranges, cos_theta)
+    return family_of(value, name_of(value), ranges, cos_theta, reading)
 
 
 def as_family(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: Range | None = None) -> Family:
@@ -170,18 +175,19 @@ def load(
     """Anything that `brdfcheck.check` takes as a `Family`: ``load("mine.py:glossy", n=(1, 100))``, ``load("mine.brdf")``.
 
     `cos_theta`: the cosines of incidence, by default 0 to 1; `ranges`: closed intervals of the parameters, or for a vector of
-    a shader a number for each component. For shader files: `defines`, macros; `folders`, where includes are; `args`, the roles
-    L, V, N, X, Y of the function's arguments, as in ``"L,V,N"``; `returns`, "brdf" or "brdf*cos". Raises ValueError for unknown
-    names, bad ranges, parameters that have none, and files that cannot be read; TypeError for something that is not a BRDF.
+    a shader a number for each component. `returns`: what a function returns, "brdf" or "brdf*cos", the BRDF times the cosine at
+    the light. For shader files: `defines`, macros; `folders`, where includes are; `args`, the roles L, V, N, X, Y of the
+    function's arguments, as in ``"L,V,N"``. Raises ValueError for unknown names, bad ranges, parameters that have none, and
+    files that cannot be read; TypeError for something that is not a BRDF.
     """
     roles = args.split(",") if isinstance(args, str) and args else args
     words = {name: str(text) for name, text in (defines or {}).items()}
-    return as_target(value, ranges, cos_theta, Reading(words, tuple(folders), tuple(roles), returns)).family
+    return as_target(value, ranges, cos_theta, Reading(words, tuple(map(str, folders)), tuple(roles), returns)).family
 
 
 def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
     """What is said of a parameter that a BRDF does not have."""
-    names = ", ".join(key for key in known if key not in _DIRECTIONS) or "none"
+    names = ", ".join(key for key in known if key not in DIRECTIONS) or "none"
     return f"{name} has no parameter {parameter!r}; its parameters: {names}"
 
 
@@ -190,8 +196,10 @@ def _not_whole(name: str, parameter: str, bounds: Range) -> str:
     return f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {low:g}:{high:g}"
 
 
-def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
-    """A callable, known as `spec`, as a `Target`. UsageError as for `as_target`."""
+def family_of(
+    value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
+) -> Target:
+    """A callable, known as `spec`, as a `Target`; `reading`: what it returns. UsageError as for `as_target`."""
     from brdfcheck.brdf.base import AbstractBRDF
     from brdfcheck.brdf.callables import constant
     from brdfcheck.brdf.factors import refuse_batched, varied
@@ -205,8 +213,9 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
     if isinstance(value, AbstractBRDF):
         refuse_batched(value)
         build = varied(value, tuple(ranges)) if ranges else constant(value)
-        family = Family(spec, build, ranges, cosines)
+        family = Family(spec, _returning(build, reading), ranges, cosines)
         return Target(family, _refusal(family, user=True), file, line_of(value))
+    value = directional(value)
     signature = signature_of(value)
     if not ranges and inspect.isclass(value) and issubclass(value, AbstractBRDF):
         ranges = {name: _USUAL_RANGES[name] for name in signature.required if name in _USUAL_RANGES}
@@ -227,7 +236,7 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
     missing = [name for name in signature.required if name not in ranges]
     is_function = not inspect.isclass(value) and signature.open and not signature.names and not ranges
     if not is_function and not inspect.isclass(value) and len(missing) >= 2:
-        named_so = all(name.lower() in _DIRECTIONS for name in missing[:2])
+        named_so = all(name.lower() in DIRECTIONS for name in missing[:2])
         if len(missing) == 2 and not set(missing) & _PARAMETERS:
             middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
             is_function = named_so or not _returns_a_function(value, {**middle, **held})
@@ -238,15 +247,27 @@ def family_of(value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Ran
         example = " ".join(f"--over {name}=LO:HI" for name in missing)
         python = ", ".join(f"{name}=(LO, HI)" for name in missing)
         angles = any(name.lower().startswith(("theta", "phi")) for name in missing)
-        advice = "; a BRDF is a function of two arrays of directions (k, 3), f(wi, wo), not of angles" if angles else ""
+        advice = f"; the angles of a BRDF are known by their names: {ANGLES}; or write f(wi, wo)" if angles else ""
         raise NoRange(
             f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}{advice}", missing
         )
 
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
-    family = Family(spec, build, swept, cosines, held)
+    family = Family(spec, _returning(build, reading), swept, cosines, held)
     return Target(family, _refusal(family, user=True), file, line_of(value))
+
+
+def _returning(build: Callable[..., Any], reading: Reading | None) -> Callable[..., Any]:
+    """What builds the BRDF, where `build` makes what returns it times the cosine at the light."""
+    if reading is None or not reading.per_cosine:
+        return build
+
+    def divided(**parameters: Any) -> Any:
+        return over_cosine(build(**parameters))
+
+    divided.__name__ = build.__name__
+    return divided
 
 
 def _builder(value: Callable[..., Any], held: Mapping[str, float], *, is_function: bool, bound: bool) -> Callable[..., Any]:
@@ -282,7 +303,8 @@ def _refusal(family: Family, *, user: bool) -> str | None:
         raise UsageError(f"{family.name} at {shown}: {one_line(error)}") from None
     if not user:
         raise error
-    return f"{family.build.__name__}({shown}) raised {type(error).__name__}: {one_line(error)}"
+    _log.debug("%s", family.name, exc_info=error)
+    return f"{family.build.__name__}({shown}) raised {told(error)}"
 
 
 def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
@@ -328,6 +350,17 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
     return catalog.entry(name).family, name
 
 
+def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
+    """UsageError where a reading is for none of these: names, and what they stand for."""
+    what = ""
+    if reading.for_shaders and not any(isinstance(value, AbstractFile) for value in values.values()):
+        what = f"{OPTIONS} are for shader files"
+    elif reading.per_cosine and not any(map(is_file_spec, values)):
+        what = "--returns is for functions in files"
+    if what:
+        raise UsageError(f"{what}; got {', '.join(values)}")
+
+
 def resolve(
     names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
 ) -> list[Target]:
@@ -351,14 +384,14 @@ def resolve(
         else:
             waiting.append((len(targets), value, spec))
             targets.append(Target(None))
-    if reading is not None and not reading.is_plain and not any(isinstance(value, AbstractFile) for _, value, _ in waiting):
-        raise UsageError(f"{OPTIONS} are for shader files; none of {', '.join(names)} is one")
+    if reading is not None:
+        refuse_reading(reading, dict.fromkeys(names) | {spec: value for _, value, spec in waiting})
     for index, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
         own = signature_of(value)
         others = known_ranges.union(*(signature_of(other).names for _, other, _ in waiting if other is not value))
         mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or key not in others}
-        targets[index] = family_of(value, spec, mine, cos_theta)
+        targets[index] = family_of(value, spec, mine, cos_theta, reading if is_file_spec(spec) else None)
     for parameter in ranges:
         if not waiting and parameter not in known_ranges:
             if len(names) == 1:

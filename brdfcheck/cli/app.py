@@ -113,10 +113,21 @@ Over = Annotated[
     list[words.Setting] | None,
     typer.Option(
         "--over",
+        "--set",
         metavar="NAME=LO:HI",
         parser=words.setting,
         help="Let a parameter run over a range, or hold it at one value with NAME=VALUE; a vector of a shader with"
         " NAME=R,G,B. Repeatable.",
+    ),
+]
+Hold = Annotated[
+    list[words.Setting] | None,
+    typer.Option(
+        "--set",
+        "--over",
+        metavar="NAME=VALUE",
+        parser=words.setting,
+        help="Hold a parameter at a value; a vector of a shader with NAME=R,G,B. Repeatable.",
     ),
 ]
 Define = Annotated[
@@ -144,7 +155,7 @@ Roles = Annotated[
 ]
 Returns = Annotated[
     Literal["brdf", "brdf*cos"],
-    typer.Option("--returns", help="Shader files: the function returns the BRDF, or the BRDF times the cosine at the light."),
+    typer.Option("--returns", help="Functions in files return the BRDF, or the BRDF times the cosine at the light."),
 ]
 CosTheta = Annotated[
     words.Interval | None,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import os
 import sys
 import time
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -32,12 +32,12 @@ from brdfcheck.cli.app import (
 )
 from brdfcheck.cli.output import Output
 from brdfcheck.cores import available_cores
-from brdfcheck.messages import one_line
 
 if TYPE_CHECKING:
     from brdfcheck.brdf.subject import Target
     from brdfcheck.verdict import Report
 
+_log = logging.getLogger("brdfcheck")
 _Effort = Literal["quick", "normal", "thorough"]  # `EFFORTS` of the search, which is imported later
 
 Tolerance = Annotated[
@@ -72,8 +72,9 @@ Examples:
   brdfcheck check disney.brdf --over metallic=1
   brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
 
-A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3) with the normal
-along +z, in 1/sr; or a class or a factory that takes parameters and makes one; or a
+A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3), or of one pair (3,),
+with the normal along +z, in 1/sr; or one of angles (theta_i, phi_i, theta_o, phi_o) or
+(theta_h, theta_d, phi_d); or a class or a factory that takes parameters and makes one; or a
 shader file (.brdf, .glsl, .frag, .hlsl, .slang), whose parameters run over the ranges
 that the file gives, or over yours.
 
@@ -130,7 +131,7 @@ def _check(
     with contextlib.redirect_stdout(sys.stderr):
         targets = resolve(wanted, settings["over"], cos_theta, how)
         start()  # a user's file may have changed the precision
-    return _run("check", targets, settings, Output(json), began, junitxml, debug)
+    return _run("check", targets, settings, Output(json), began, junitxml)
 
 
 @command(
@@ -161,7 +162,7 @@ def _audit(
     names = filtered([entry.name for entry in catalog.entries() if not entry.validated], substring)
     targets = [Target(catalog.entry(name).family) for name in names]
     settings = _settings(substring, tolerance, rtol, effort, jobs)
-    return _run("audit", targets, settings, Output(json), began, None, debug)
+    return _run("audit", targets, settings, Output(json), began, None)
 
 
 def _settings(
@@ -189,7 +190,6 @@ def _run(
     output: Output,
     began: float,
     junit: str | None,
-    debug: bool,
 ) -> int:
     """Evaluate, print and write. An audit says what was claimed besides, and never fails."""
     from brdfcheck.brdf import catalog
@@ -203,7 +203,7 @@ def _run(
         output.line(console.tolerance_line(settings["tolerance"]))
     with contextlib.redirect_stdout(sys.stderr):
         reports = _evaluate(
-            targets, settings, output, debug, lambda report: console.plain_line(report, width, claims.get(report.name))
+            targets, settings, output, lambda report: console.plain_line(report, width, claims.get(report.name))
         )
     if output.is_terminal:
         console.report_table(output.console, reports, list(claims.values()) or None)
@@ -233,7 +233,7 @@ def _run(
 
 
 def _evaluate(
-    targets: Sequence[Target], settings: Mapping[str, Any], output: Output, debug: bool, line: Callable[[Report], str]
+    targets: Sequence[Target], settings: Mapping[str, Any], output: Output, line: Callable[[Report], str]
 ) -> list[Report]:
     """The reports in the order of the targets, a few at a time; plain lines are written as soon as their turn comes."""
     from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
@@ -244,7 +244,7 @@ def _evaluate(
         step = -1 if all(target.file is None for target in targets) else 1
         waiting, written = set[Any](), 0
         with output.progress(len(targets), "checking", every=10) as advance:
-            futures = [pool.submit(_report, target, settings, debug, advance.say) for target in targets[::step]][::step]
+            futures = [pool.submit(_report, target, settings, advance.say) for target in targets[::step]][::step]
             waiting.update(futures)
             while waiting:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -260,8 +260,9 @@ def _evaluate(
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _report(target: Target, settings: Mapping[str, Any], debug: bool, say: Callable[[str], None]) -> Report:
+def _report(target: Target, settings: Mapping[str, Any], say: Callable[[str], None]) -> Report:
     """`check`; for a user's BRDF, whatever it raises becomes a finding. `say`: what to call with how far it is."""
+    from brdfcheck.brdf.blame import told
     from brdfcheck.verdict.check import check, unusable
 
     def watch(points: int, best: float) -> None:
@@ -275,9 +276,8 @@ def _report(target: Target, settings: Mapping[str, Any], debug: bool, say: Calla
     except (Exception, SystemExit) as error:
         if target.file is None:
             raise
-        if debug:
-            traceback.print_exc()
-        text = f"cannot be evaluated: {type(error).__name__}: {one_line(error)}"
+        _log.debug("%s cannot be evaluated", target.family.name, exc_info=True)
+        text = f"cannot be evaluated: {told(error)}"
         return unusable(target.family, text, seconds=time.perf_counter() - began, **options)
 
 

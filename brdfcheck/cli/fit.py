@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, Define, ExitCode, Include, Json, Returns, Roles, asked, command, reading, start
+from brdfcheck.cli.app import Debug, Define, ExitCode, Hold, Include, Json, Returns, Roles, asked, command, reading, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
@@ -59,7 +59,8 @@ Exit codes:
 )
 def _fit(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="A catalogue name or path/to/file.py:object.", show_default=False)
+        str,
+        typer.Argument(metavar="NAME", help="A catalogue name, path/to/file.py:object, or a shader file.", show_default=False),
     ],
     n: Annotated[
         words.Interval | None,
@@ -70,10 +71,7 @@ def _fit(
         Sampling | None,
         typer.Option(help="Spacing of the exponents that least-squares and reciprocal look at. [default: geometric]"),
     ] = None,
-    over: Annotated[
-        list[words.Setting] | None,
-        typer.Option(metavar="NAME=VALUE", parser=words.setting, help="Hold another parameter at a value. Repeatable."),
-    ] = None,
+    over: Hold = None,
     define: Define = None,
     include: Include = None,
     args: Roles = None,

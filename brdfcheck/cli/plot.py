@@ -91,7 +91,7 @@ def _plot(
         list[str],
         typer.Argument(
             metavar="NAME|FILE",
-            help="Catalogue names (brdfcheck list), path/to/file.py:object, or files with results; see below.",
+            help="Catalogue names (brdfcheck list), path/to/file.py:object, shader files, or files with results; see below.",
             show_default=False,
         ),
     ],
@@ -294,7 +294,7 @@ def _over_angles(target: Target, count: int, settings: _Settings) -> list[Callab
     elif parameter is not None:
         most = max(_MOST_CURVES // count, 1)
         low, high = family.ranges[parameter]
-        chosen = curves.round_values(low, high, min(max(most, 3), 5))
+        chosen = [low, high] if parameter in family.switches else curves.round_values(low, high, min(max(most, 3), 5))
         if most < 3:
             chosen = chosen[:most] if most == 2 else chosen[len(chosen) // 2 :][:1]
         places = [{parameter: value} for value in chosen]
@@ -317,15 +317,20 @@ def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output)
 
 
 def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
+    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 
     try:
         name, n = str(result["name"]), (float(result["n"][0]), float(result["n"][1]))
-        target: Any = resolve([name], {"n": n}, None)[0].family if is_file_spec(name) else name
+        said = result.get("settings") or {}
+        ranges = {key: (float(low), float(high)) for key, (low, high) in said.get("over", {}).items()} | {"n": n}
+        how: dict[str, Any] = said.get("reading", {})
+        given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in how.items()}
+        target: Any = resolve([name], ranges, None, Reading(**given))[0].family if is_file_spec(name) else name
         return curves.fitted(settings.kind, target, result, samples=settings.samples)
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise UsageError(f"{file}: the fit is damaged: {type(error).__name__}: {one_line(error)}") from error
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 import typer
@@ -35,9 +36,25 @@ def run(arguments: Sequence[str]) -> int:
             if not isinstance(task, Task):  # --help and --version have said what they have to say
                 return task
             debug = debug or task.debug
-            return int(task.work())
+            with _told(debug):
+                return int(task.work())
         except BaseException as error:
             return _ended(error, debug)
+
+
+@contextlib.contextmanager
+def _told(debug: bool) -> Iterator[None]:
+    """Within it, where `debug` is set, what is logged goes to standard error, with the tracebacks of users' functions."""
+    log = logging.getLogger("brdfcheck")
+    handler, level = logging.StreamHandler(), log.level
+    if debug:
+        log.addHandler(handler)
+        log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
 
 
 def _read(arguments: Sequence[str]) -> Task | int:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, ExitCode, asked, command, start
+from brdfcheck.cli.app import Debug, Define, ExitCode, Hold, Include, Returns, Roles, asked, command, reading, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.readers.base import Reading
 
 Quality = Literal["draft", "normal", "high"]
 
@@ -22,6 +28,8 @@ Quality = Literal["draft", "normal", "high"]
 Examples:
   brdfcheck render --list
   brdfcheck render furnace -o furnace.png
+  brdfcheck render sphere --brdf disney.brdf --set roughness=0.3 -o sphere.png
+  brdfcheck render furnace --brdf mine.py:glossy --set n=50 -o glossy.png
   brdfcheck render figure-9 --size 512 --quality high -o figure-9.exr
   brdfcheck render scene.toml --bits 16 -o scene.png
 
@@ -50,13 +58,31 @@ scene.toml:
 \b
 Only material and lights are needed. The keys are the parameters of the classes in
 brdfcheck.scene. The tables of brdfcheck budget may be there too: a [room] is rendered.
+A term's BRDF may be in a file beside the scene: { brdf = "shader.glsl:shade", n = 20,
+reading = { returns = "brdf*cos", args = "N,L,V", defines = { FAST = 0 }, folders = ["inc"] } }.
 A colour may be a spectrum: { wavelengths = [400, 700], reflectance = [0.2, 0.8] } in nm.
 A BRDF that is not validated is refused, unless the scene says allow_unvalidated = true.""",
 )
 def _render(
     what: Annotated[
-        str | None, typer.Argument(metavar="PRESET|SCENE.toml", help="A preset's name or a scene's file.", show_default=False)
+        str | None,
+        typer.Argument(
+            metavar="PRESET|SCENE.toml",
+            help="A preset's name, a scene's file, or with --brdf: sphere or furnace.",
+            show_default=False,
+        ),
     ] = None,
+    brdf: Annotated[
+        str | None,
+        typer.Option(
+            "--brdf", metavar="NAME", help="Show this BRDF: a catalogue name, path/to/file.py:object, or a shader file."
+        ),
+    ] = None,
+    hold: Hold = None,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
     target: Annotated[
         str | None,
         typer.Option(
@@ -80,9 +106,13 @@ def _render(
     listing: Annotated[bool, typer.Option("--list", help="List the presets, and render nothing.")] = False,
     debug: Debug = False,
 ) -> int:
-    """Render a preset or a scene to a file."""
+    """Render a preset, a scene, or a BRDF of your own to a file."""
     output = Output()
-    if listing and (what is not None or target is not None):
+    held, how = words.together(hold), reading(define, include, args, returns)
+    if brdf is None and (held or not how.is_plain):
+        what_for = "--set goes" if held else "-D, -I, --args and --returns go"
+        raise UsageError(f"{what_for} with --brdf; a scene says it in its file")
+    if listing and (what is not None or target is not None or brdf is not None):
         raise UsageError("--list renders nothing: leave out what to render and -o, or leave out --list")
     if listing:
         from brdfcheck.scene.presets import PRESETS
@@ -107,13 +137,16 @@ def _render(
     from brdfcheck.scene.images import write_image
 
     began = time.perf_counter()
-    if what.lower().endswith(".toml"):
+    if brdf is not None:
+        image = _of_brdf(what, brdf, held, how, size, quality, output)
+    elif what.lower().endswith(".toml"):
         image = _of_scene(what, size, samples, most, quality)
     else:
         image = _of_preset(what, size, quality, output)
     seconds = time.perf_counter() - began
     with refused("--output", target):
-        write_image(target, image, bits=int(bits or "8"), metadata={"rendered": what, "quality": quality})
+        metadata = {"rendered": what if brdf is None else f"{what} of {brdf}", "quality": quality}
+        write_image(target, image, bits=int(bits or "8"), metadata=metadata)
     output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s")
     return ExitCode.PASSED
 
@@ -139,15 +172,59 @@ def _of_scene(path: str, size: words.Size | None, samples: int, most: int, quali
         return averaged(image, samples)
 
 
-def _of_preset(name: str, size: words.Size | None, quality: str, output: Output) -> Any:
-    from brdfcheck.scene.presets import named, render_preset
+def _of_brdf(
+    kind: str,
+    name: str,
+    held: Mapping[str, words.Interval],
+    how: Reading,
+    size: words.Size | None,
+    quality: str,
+    output: Output,
+) -> Any:
+    """A picture of one BRDF. UsageError where it is not known, or cannot be called."""
+    from brdfcheck.brdf.blame import told
+    from brdfcheck.brdf.readers.specs import is_file_spec
+    from brdfcheck.scene.functions import brdf_of
+    from brdfcheck.scene.presets import OF_ONE, render_brdf
 
+    if kind not in OF_ONE:
+        raise UsageError(f"--brdf goes with {' or '.join(OF_ONE)}; got {one_line(kind)!r}")
+    for parameter, (low, high) in held.items():
+        if low != high:
+            raise UsageError(f"--set {parameter}={low:g}:{high:g}: a picture is of one BRDF; give {parameter} one value")
+    side = _side(size) or 256
+    values = {parameter: low for parameter, (low, _) in held.items()}
+    try:
+        with contextlib.redirect_stdout(sys.stderr), asked():
+            shown = brdf_of(name, values, how)
+            start()  # a user's file may have changed the precision
+            label = ", ".join((name, *(f"{parameter} = {value:g}" for parameter, value in values.items())))
+            with output.waiting(f"rendering a {kind} of {name}; the first time, programs are compiled for it"):
+                return render_brdf(kind, shown, label, side, quality)
+    except UsageError:
+        raise
+    except (Exception, SystemExit) as error:
+        if not is_file_spec(name):
+            raise
+        raise UsageError(f"{name}: cannot be evaluated: {told(error)}") from error
+
+
+def _side(size: words.Size | None) -> int | None:
     if size is not None and size.height != size.width:
         raise UsageError(f"--size: a preset is made of squares; give one number of PIXELS, not {size.height}x{size.width}")
+    return size and size.height
+
+
+def _of_preset(name: str, size: words.Size | None, quality: str, output: Output) -> Any:
+    from brdfcheck.scene.presets import OF_ONE, PRESETS, named, render_preset
+
+    side = _side(size)
+    if name in OF_ONE and name not in PRESETS:
+        raise UsageError(f"{name}: say of which BRDF, as in --brdf mine.py:glossy")
     try:
         named(name)
     except KeyError as error:
         raise UsageError(one_line(error.args[0])) from None
     text = f"rendering {name}: {{}} pictures done; the first time, programs are compiled for them"
     with output.waiting(text.format(0)) as show:
-        return render_preset(name, size and size.height, quality, lambda count: show(text.format(count)))
+        return render_preset(name, side, quality, lambda count: show(text.format(count)))

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from brdfcheck.cli.app import Debug, ExitCode, Task, app, start
+from brdfcheck.cli.app import Debug, Define, ExitCode, Include, Returns, Roles, Task, app, reading, start
 from brdfcheck.cli.output import Output, left_clean
 from brdfcheck.interruption import Cleanup, say
 from brdfcheck.messages import UsageError
 
 if TYPE_CHECKING:
+    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.sweep import Plan, Progress, Summary
 
 # Without a terminal, a line so often (seconds).
@@ -33,12 +34,14 @@ Examples:
 
 \b
 config.toml:
-  brdf = "binomial-power-half"       # or mine.py:glossy, or a list of names
+  brdf = "binomial-power-half"       # or mine.py:glossy, disney.brdf, or a list of names
   precision = ["float32", "float64"] # optional, like rule and rtol
   [axes]
   n = { geomspace = [1, 1000, 400] } # first, last, how many
   cos_theta = { linspace = [0.05, 1, 90] }
   k = [8, 16]                        # or one value: k = 16
+  [reading]                          # optional: -D, -I, --args and --returns
+  returns = "brdf*cos"               # and args = "N,L,V", defines = {}, folders = []
 
 Interrupted or killed, the same command goes on where it was, and ends with the same bytes.
 A cluster is started with: dask scheduler; dask worker ADDRESS (extra "cluster").
@@ -57,23 +60,28 @@ def _sweep(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print size, cells and an estimate; create nothing.")] = False,
     repair: Annotated[bool, typer.Option("--repair", help="Write again what is damaged in the store.")] = False,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
     debug: Debug = False,
 ) -> Task:
     """Albedos over a grid of parameters and angles, into a Zarr store.
 
     The store holds albedo, error, evaluations, and seconds per chunk; xarray.open_zarr opens it.
     """
-    return Task(lambda: _run(config, out, scheduler, dry_run=dry_run, repair=repair), debug)
+    how = reading(define, include, args, returns)
+    return Task(lambda: _run(config, how, out, scheduler, dry_run=dry_run, repair=repair), debug)
 
 
-def _run(config: str, out: str | None, scheduler: str | None, *, dry_run: bool, repair: bool) -> int:
+def _run(config: str, how: Reading, out: str | None, scheduler: str | None, *, dry_run: bool, repair: bool) -> int:
     if out is None and not dry_run:
         raise UsageError("--out: say where the store shall be, as in --out albedo.zarr")
     if out is not None and not out.strip():
         raise UsageError("--out: the name is empty")
     from brdfcheck.sweep.config import read_config
 
-    settings = read_config(config)
+    settings = read_config(config, how)
     start()
     output = Output(None)
     from brdfcheck.sweep import Plan, SweepError, estimate, fill

@@ -8,10 +8,12 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import name_of
+from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
@@ -122,8 +124,15 @@ def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:
         return Normalized(brdf, factor)
     if isinstance(brdf, AbstractBRDF):
         return _Scaled(brdf, factor, n)
-    # A function stays what it was: one that JAX can trace, or one of numpy.
-    return lambda wi, wo: factor(jnp.asarray(n)) * brdf(wi, wo)
+    brdf, scale = directional(brdf), factor(jnp.asarray(n))
+    # A function stays what it was: one that JAX can trace, or one of numpy, of many directions or of one pair.
+    scale = scale if isinstance(scale, Tracer) else float(scale)
+
+    def scaled(wi: Any, wo: Any) -> Any:
+        value = brdf(wi, wo)
+        return [scale * part for part in value] if isinstance(value, (list, tuple)) else scale * value
+
+    return scaled
 
 
 class _Scaled(AbstractBRDF):

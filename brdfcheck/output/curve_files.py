@@ -39,7 +39,7 @@ def is_curve_file(word: str) -> bool:
 
 
 def read(path: str, kind: str) -> tuple[list[Curve], list[Curve]]:
-    """The curves of a file for a figure of `kind`, and the fits in it, whose curves have yet to be computed."""
+    """The curves of a file for a figure of `kind`, and the fits in it with their settings, whose curves are computed later."""
     record = _record(path)
     if record.get("schema") != SCHEMA or not isinstance(record.get("results"), list):
         raise UsageError(f"{path}: not a record of brdfcheck (plot --json, fit --json, a study, or a folder written by sweep)")
@@ -49,7 +49,7 @@ def read(path: str, kind: str) -> tuple[list[Curve], list[Curve]]:
     if record.get("command") == "fit":
         if kind not in ("factor", "albedo-vs-n"):
             raise UsageError(f"{path}: a fit can be plotted as factor or albedo-vs-n, not as {kind}")
-        return [], results
+        return [], [result | {"settings": record.get("settings")} for result in results]
     curves = [result for result in results if result.get("kind") in _NEEDED]
     if not curves:
         command = one_line(record.get("command", "?"))

@@ -94,13 +94,19 @@ class PointwiseAlbedo:
 
     @property
     def engine_name(self) -> str:
-        """The name of the engine; of a function that JAX cannot trace with " (numpy)"."""
-        return f"{self.engine.name} (numpy)" if self.slow else self.engine.name
+        """The name of the engine; of a function that JAX cannot trace with " (numpy)" or " (one pair at a time)"."""
+        how = " (one pair at a time)" if self.one_by_one else " (numpy)" if self.slow else ""
+        return f"{self.engine.name}{how}"
 
     @property
     def slow(self) -> bool:
         """True for a function that JAX cannot trace."""
         return self.evaluator is not None and self.evaluator.slow
+
+    @property
+    def one_by_one(self) -> bool:
+        """True for a function that is called for each pair of directions: a hundred times as dear as any other."""
+        return self.evaluator is not None and self.evaluator.slow and self.evaluator.single
 
     @property
     def effort(self) -> int:

@@ -21,6 +21,7 @@ import pydantic
 from jaxtyping import Float
 
 from brdfcheck.brdf.readers.specs import is_file_spec
+from brdfcheck.brdf.readers.table import ReadingTable, beside
 from brdfcheck.documents import Model, validated
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.scene import lights, materials, meshes
@@ -101,6 +102,7 @@ class _Term(Model):
     brdf: str
     tint: Any = 1.0
     fresnel: Any = "none"
+    reading: ReadingTable | None = None  # of the file that its BRDF is in
 
 
 class _Surface(Model):
@@ -226,9 +228,11 @@ def _surface(table: _Surface, place: str, folder: Path, allow_unvalidated: bool,
     terms = []
     for number, one in enumerate(table.terms):
         where = f"{place}.terms[{number}]"
-        given = {name: _color(getattr(one, name), f"{where}.{name}") for name in one.model_fields_set}
+        given = {name: _color(getattr(one, name), f"{where}.{name}") for name in one.model_fields_set - {"reading"}}
         if is_file_spec(one.brdf):
             given["brdf"] = str(folder / one.brdf)
+        if one.reading is not None:
+            given["reading"] = beside(one.reading.reading(where), folder)
         terms.append(_try(where, lambda given=given: materials.Term(**given)))
 
     def surface() -> materials.Surface:
@@ -257,4 +261,4 @@ def _try(place: str, make: Callable[[], Any]) -> Any:
     try:
         return make()
     except (KeyError, ValueError, TypeError, ImportError, OverflowError) as error:
-        raise UsageError(f"{place}: {one_line(error.args[0])}") from None
+        raise UsageError(f"{place}: {one_line(error.args[0])}") from error

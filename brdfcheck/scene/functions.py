@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import Evaluator, constant
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError, one_line
 
@@ -25,6 +26,7 @@ class Function(AbstractBRDF):
     """
 
     call: Callable[..., Any] = eqx.field(static=True)
+    many: Callable[..., Any] = eqx.field(static=True)  # the same, for arrays of directions
     name: str = eqx.field(static=True)
     traced: bool = eqx.field(static=True)
     colored: bool = eqx.field(static=True)
@@ -33,7 +35,8 @@ class Function(AbstractBRDF):
         found = Evaluator(constant(call), {})
         if found.channels not in (None, 1, 3):
             raise ValueError(f"{name} has {found.channels} channels; a scene takes 1, or 3: R, G and B")
-        self.call, self.name, self.traced, self.colored = call, name, not found.slow, found.channels == 3
+        self.call, self.many, self.name = call, found.function, name
+        self.traced, self.colored = not found.slow, found.channels == 3
 
     @property
     def __name__(self) -> str:
@@ -45,7 +48,7 @@ class Function(AbstractBRDF):
         dtype, flat = wi.dtype, (wi.reshape(-1, 3), wo.reshape(-1, 3))
         rows = (len(flat[0]), 3) if self.colored else (len(flat[0]),)
         if self.traced:
-            found = jnp.asarray(self.call(*flat)).astype(dtype)
+            found = jnp.asarray(self.many(*flat)).astype(dtype)
             found = found[:, 0] if found.ndim == 2 and not self.colored else found
             value = jnp.broadcast_to(found, rows)
         else:
@@ -59,22 +62,26 @@ class Function(AbstractBRDF):
 
     def _called(self, rows: tuple[int, ...], wi: Any, wo: Any) -> np.ndarray:
         with np.errstate(all="ignore"):
-            found = np.asarray(self.call(np.array(wi, float), np.array(wo, float)), float)
+            found = np.asarray(self.many(np.array(wi, float), np.array(wo, float)), float)
         return np.broadcast_to(found[:, 0] if found.ndim == 2 and not self.colored else found, rows)
 
 
-def brdf_of(value: Any, parameters: Mapping[str, float]) -> AbstractBRDF:
-    """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF.
+def brdf_of(value: Any, parameters: Mapping[str, float], reading: Reading | None = None) -> AbstractBRDF:
+    """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF; `reading`: how files are read.
 
     Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
     """
     try:
-        target = as_target(value, {name: (number, number) for name, number in parameters.items()})
+        target = as_target(value, {name: (number, number) for name, number in parameters.items()}, None, reading)
     except UsageError as error:
         words, missing, _ = one_line(error).partition(" must be given a range")
         raise UsageError(f"{words} must be given as a number" if missing else words) from None
     if target.finding is not None:
         raise ValueError(one_line(target.finding))
     family = target.family
+    missing = [name for name, (low, high) in family.ranges.items() if low < high and name not in family.defaults]
+    if missing:
+        plural = "s" if len(missing) > 1 else ""
+        raise UsageError(f"{family.name}: the parameter{plural} {', '.join(missing)} must be given as a number")
     brdf = family.build(**{name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items()})
     return brdf if isinstance(brdf, AbstractBRDF) else Function(brdf, target.family.name)

@@ -18,7 +18,9 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.lobes import Lambert
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.specs import is_file_spec
+from brdfcheck.brdf.subject import refuse_reading
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.functions import Function, brdf_of
 from brdfcheck.scene.furnace import directional_albedo
@@ -38,7 +40,8 @@ class Term(eqx.Module):
     """One BRDF of a surface times a colour, or times the Fresnel reflectance whose value at normal incidence is the colour.
 
     `brdf`: a catalogue name with its parameters, as in ``Term("blinn-phong", 0.3, n=50)``, or whatever else `brdfcheck.check`
-    takes: a lobe, ``Term("mine.py:glossy", n=50)``, a function f(wi, wo), whose x axis is level on every surface.
+    takes: a lobe, ``Term("mine.py:glossy", n=50)``, a function f(wi, wo), whose x axis is level on every surface. `reading`:
+    how a file is read.
     `fresnel`: "none", "exact" or "schlick", at the angle between the light and the half vector.
 
     Raises KeyError for an unknown name, ValueError for bad parameters or a BRDF that cannot be called, TypeError for something
@@ -52,13 +55,15 @@ class Term(eqx.Module):
     # True where all parameters lie within the range over which the catalogue's family is checked.
     within: bool = eqx.field(static=True)
 
-    def __init__(self, brdf: Any, tint: Any = 1.0, *, fresnel: str = "none", **parameters: Any):
+    def __init__(self, brdf: Any, tint: Any = 1.0, *, fresnel: str = "none", reading: Reading | None = None, **parameters: Any):
         if fresnel not in ("none", *FRESNELS):
             raise ValueError(f"fresnel must be one of none, {', '.join(FRESNELS)}; got {fresnel!r}")
         reflectance = fresnel != "none"
         self.tint = color_of(tint, "the Fresnel reflectance" if reflectance else "tint", 1 if reflectance else np.inf)
         self.fresnel, self.name, self.within = fresnel, "", False
         if isinstance(brdf, str) and not is_file_spec(brdf):
+            if reading is not None:
+                refuse_reading(reading, {brdf: None})
             self.name, family = brdf, catalog.entry(brdf).family
             for parameter in parameters.keys() - family.ranges.keys():
                 raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(family.ranges)}")
@@ -74,7 +79,7 @@ class Term(eqx.Module):
             brdf = family.build(**({"reflectance": 1.0} if "reflectance" in family.ranges else {}) | parameters)
         elif not isinstance(brdf, AbstractBRDF):
             numbers = {key: float(scalar(value, key, -np.inf)) for key, value in parameters.items()}
-            brdf = brdf_of(brdf, numbers)
+            brdf = brdf_of(brdf, numbers, reading)
         elif parameters:
             raise TypeError(f"a lobe has its parameters; got {', '.join(parameters)} beside {type(brdf).__name__}")
         what = self.name or name_of(brdf)

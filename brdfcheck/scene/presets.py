@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.messages import UnknownName
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.canvas import (
@@ -35,7 +36,7 @@ from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
 from brdfcheck.scene.smooth_shading import gouraud_phong, mach_bands, quadrilaterals, sheets, silhouette_bleed
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
-from brdfcheck.scene.white_furnace import furnace, furnace_validated
+from brdfcheck.scene.white_furnace import furnace, furnace_of, furnace_validated
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,18 @@ class Preset:
     caption: str
     side: int
     make: Callable[[Canvas], Any]
+
+
+OF_ONE: Mapping[str, Callable[[Canvas, AbstractBRDF, str], Image]] = MappingProxyType(
+    {"sphere": lambda canvas, brdf, label: sphere_of(canvas, brdf), "furnace": furnace_of}
+)
+"""Pictures of one BRDF, by their names: of a canvas, the BRDF, and a label for it."""
+
+
+def sphere_of(canvas: Canvas, brdf: AbstractBRDF) -> Image:
+    """A sphere of one BRDF, validated or not, under one light: white where a matt white one would be."""
+    surface = Surface(Term(brdf), allow_unvalidated=True)
+    return canvas.sphere(surface, [Distant(UPPER_RIGHT, np.pi)], background=_GREY)
 
 
 def named(name: str) -> Preset:
@@ -65,12 +78,29 @@ def render_preset(
     KeyError for an unknown name, ValueError for a size that is none or a quality that is not one of `QUALITIES`.
     """
     preset = named(name)
+    return _rendered(preset.make, preset.side if size is None else size, quality, progress)
+
+
+def render_brdf(
+    kind: str,
+    brdf: AbstractBRDF,
+    label: str,
+    size: int = 256,
+    quality: str = "normal",
+    progress: Callable[[int], None] = lambda count: None,
+) -> Image:
+    """One BRDF as one of `OF_ONE`: linear RGB as float32. `label`: what the picture calls it; else as `render_preset`."""
+    if kind not in OF_ONE:
+        raise UnknownName(f"{kind!r} is no picture of one BRDF; these are {', '.join(OF_ONE)}")
+    return _rendered(lambda canvas: OF_ONE[kind](canvas, brdf, label), size, quality, progress)
+
+
+def _rendered(make: Callable[[Canvas], Any], side: int, quality: str, progress: Callable[[int], None]) -> Image:
     if quality not in QUALITIES:
         raise ValueError(f"quality must be one of {', '.join(QUALITIES)}; got {quality!r}")
-    side = preset.side if size is None else size
     checked_size((side, side))
     count = itertools.count(1)
-    return np.asarray(preset.make(Canvas(side, QUALITIES[quality], lambda: progress(next(count)))), np.float32)
+    return np.asarray(make(Canvas(side, QUALITIES[quality], lambda: progress(next(count)))), np.float32)
 
 
 BLUE, _RED, _GOLD = (0.1, 0.3, 0.8), (0.8, 0.12, 0.1), (1.0, 0.72, 0.25)

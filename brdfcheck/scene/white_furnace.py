@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import equinox as eqx
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from brdfcheck.brdf import catalog
+from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.factors import Constant, Normalized, PerCosine
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene.cameras import checked_size
@@ -41,6 +43,8 @@ PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
 """What was published beside the validated BRDF of the same lobe."""
 
 
+_DOWN = "the largest of 0 to 89 degrees"
+_SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
 _USUAL_SIDE = 2.1  # of what the usual camera sees; the sphere's radius is 1
 
 
@@ -77,40 +81,56 @@ _integrated = eqx.filter_jit(directional_albedo)
 _AT_ONCE = 512  # angles in one call, whatever the size of the picture: no other program for another number of them
 
 
-def _reflected(name: str, parameters: Mapping[str, float], cosine: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """What a catalogue BRDF reflects of a uniform surrounding of radiance 1, integrated at each cosine."""
-    brdf = _alike(catalog.entry(name).family.build(**parameters))
-    padded = np.pad(cosine, (0, -cosine.size % _AT_ONCE), mode="edge").astype(np.float32).reshape(-1, _AT_ONCE)
-    return np.concatenate([_integrated(brdf, jnp.asarray(part)) for part in padded])[: cosine.size]
+def _reflected(
+    brdf: str | AbstractBRDF, parameters: Mapping[str, float], cosine: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "*channels k"]:
+    """What a BRDF, or one of the catalogue, reflects of a uniform surrounding of radiance 1, integrated at each cosine."""
+    member: Any = _alike(catalog.entry(brdf).family.build(**parameters) if isinstance(brdf, str) else brdf)
+    # A function that is called each time is no program, which would be one more for another number of angles.
+    most = _AT_ONCE if getattr(member, "traced", True) else max(min(_AT_ONCE, cosine.size), 1)
+    padded = np.pad(cosine, (0, -cosine.size % most), mode="edge").astype(np.float32).reshape(-1, most)
+    return np.concatenate([_integrated(member, jnp.asarray(part)) for part in padded], axis=-1)[..., : cosine.size]
 
 
-def furnace_largest(name: str, parameters: Mapping[str, float]) -> float:
-    """The most that a catalogue BRDF reflects of a uniform surrounding of radiance 1, of all whole degrees from 0 to 89.
+def furnace_largest(brdf: str | AbstractBRDF, parameters: Mapping[str, float] = MappingProxyType({})) -> float:
+    """The most that a BRDF reflects of a uniform surrounding of radiance 1, of all whole degrees from 0 to 89.
 
-    Some published forms have no largest value at 90 degrees, and the brightest pixel of a picture depends on its size.
+    A name is one of the catalogue, with its `parameters`. Some published forms have no largest value at 90 degrees, and the
+    brightest pixel of a picture depends on its size.
     """
-    return float(_reflected(name, parameters, np.cos(np.radians(np.arange(90.0)))).max())
+    return float(_reflected(brdf, parameters, np.cos(np.radians(np.arange(90.0)))).max())
 
 
 def furnace_excess(
-    name: str, parameters: Mapping[str, float], side: int, samples: int = 1
-) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
-    """(how much more than its surrounding a sphere of a catalogue BRDF shows, as a share; what it covers) of each pixel.
+    brdf: str | AbstractBRDF, parameters: Mapping[str, float], side: int, samples: int = 1
+) -> tuple[Float[np.ndarray, "*channels n n"], Float[np.ndarray, "n n"]]:
+    """(how much more than its surrounding a sphere of a BRDF shows, as a share; what it covers) of each pixel.
 
-    Means over samples x samples, 0 beside the sphere. Integrated at every distance from the centre that a pixel has: 27 times
-    fewer than pixels on a side of 512. KeyError for an unknown name, ValueError for bad parameters or a side that is none.
+    Means over samples x samples, 0 beside the sphere. A BRDF with channels has an excess in each. Integrated at every distance
+    from the centre that a pixel has, seen along the x axis: 27 times fewer than pixels on a side of 512. KeyError for an
+    unknown name of the catalogue, ValueError for bad parameters or a side that is none.
     """
     checked_size((side, side))
     square, number = _distances(side, samples)
-    excess = _reflected(name, parameters, np.sqrt(1 - square)) - 1
-    return averaged(np.append(excess, np.float32(0))[number], samples), averaged(number >= 0, samples)  # -1 is the last
+    excess = _reflected(brdf, parameters, np.sqrt(1 - square)) - 1
+    beside = np.zeros((*excess.shape[:-1], 1), np.float32)
+    # -1 is the last
+    return averaged(np.append(excess, beside, axis=-1)[..., number], samples), averaged(number >= 0, samples)
 
 
-def _furnace_pair(canvas: Canvas, name: str, parameters: Mapping[str, float]) -> list[Image]:
+def _furnace_pair(canvas: Canvas, brdf: str | AbstractBRDF, parameters: Mapping[str, float]) -> list[Image]:
     """The sphere before its surrounding, of the radiance 0.4, as `sphere_image` shows it, and its excess in false colour."""
-    excess, covered = furnace_excess(name, parameters, canvas.side, canvas.samples)
+    excess, covered = furnace_excess(brdf, parameters, canvas.side, canvas.samples)
     canvas.done()
-    return [np.broadcast_to(np.float32(_ENVIRONMENT) * (1 + excess), (3, *excess.shape)), colored(excess, covered)]
+    most = excess if excess.ndim == 2 else excess.max(axis=0)
+    return [np.broadcast_to(np.float32(_ENVIRONMENT) * (1 + excess), (3, *most.shape)), colored(most, covered)]
+
+
+def furnace_of(canvas: Canvas, brdf: AbstractBRDF, label: str) -> Image:
+    """One BRDF: the sphere, and its excess (of the brightest channel) in false colour with the scale."""
+    pair, most = _furnace_pair(canvas, brdf, {}), furnace_largest(brdf)
+    sheet = contact_sheet([pair], columns=("furnace", "excess"), labels=[f"{label}: {most:.4f}"], down=_DOWN)
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
 
 
 def _numbers(parameters: Mapping[str, float]) -> str:
@@ -121,9 +141,6 @@ def _share(most: float) -> str:
     if most > 2:
         return f"{most:.3g} times"
     return f"+{most - 1:.2%}" if most - 1 > 1e-5 else "conserves"
-
-
-_SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
 
 
 def furnace(canvas: Canvas) -> Image:
@@ -139,8 +156,8 @@ def furnace(canvas: Canvas) -> Image:
             other = float(albedo(catalog.entry(name).family.build(**parameters), np.cos(np.radians(89.0))).value)
             label += f"\n(summed over views, light at 89 degrees: {other:.3g} times)"
         labels.append(label)
-    columns, down = ("validated", "excess", "published", "excess"), "the largest of 0 to 89 degrees"
-    sheet = contact_sheet(rows, columns=columns, labels=labels, down=down)
+    columns = ("validated", "excess", "published", "excess")
+    sheet = contact_sheet(rows, columns=columns, labels=labels, down=_DOWN)
     return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
 
 

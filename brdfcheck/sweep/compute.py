@@ -167,7 +167,7 @@ class Computer:
                 answers.append(adaptive_albedo(bound, float(mu), turn, tolerance))
             except Finding as error:
                 shown = ", ".join(f"{name}={value:g}" for name, value in {**row, "cos_theta": float(mu)}.items())
-                raise UsageError(f"{settings['brdf']} at {shown}: {one_line(error)}") from None
+                raise UsageError(f"{settings['brdf']} at {shown}: {one_line(error)}") from error
         return tuple(np.array([np.asarray(getattr(a, part)) for a in answers]) for part in ("value", "error", "evaluations"))
 
     def _evaluator(self, combination: tuple[int, ...]) -> Evaluator:

@@ -12,6 +12,9 @@
     [chunks]                                # optional
     cos_theta = 30
 
+    [reading]                               # optional, of files, as the options of a command are
+    returns = "brdf*cos"                    # and args = "N,L,V", defines = { FAST = 0 }, folders = ["include"]
+
 A rule is "default", the best that the BRDF offers and what `rtol` is for, or a name of `brdfcheck.quadrature.registry`, as it
 is or with its setting: "zonal", "gauss-product:64". `seed` (0 by default) is for rules that draw at random.
 
@@ -20,6 +23,8 @@ What is wrong with the file is a `UsageError` in one line that names the place, 
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,6 +34,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Strict, Tag, model_validator
 
+from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.table import ReadingTable, as_table
 from brdfcheck.documents import Model, read_document, shown, validated
 from brdfcheck.messages import UsageError
 
@@ -95,6 +102,7 @@ class _Document(Model):
     seed: int = Field(0, ge=0, lt=2**32)
     axes: dict[str, _Axis] = Field(default_factory=dict)
     chunks: dict[str, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
+    reading: ReadingTable | None = None
 
 
 @dataclass(frozen=True)
@@ -118,7 +126,7 @@ class Config:
     """A checked configuration.
 
     `seed`: for rules that draw at random. `folder`: where the files of users' BRDFs are looked for; `label`: its name in
-    messages.
+    messages. `reading`: how these files are read, its folders seen from that one.
     """
 
     axes: Mapping[str, Axis]
@@ -126,22 +134,33 @@ class Config:
     seed: int = 0
     folder: Path = field(default_factory=Path)
     label: str = "config"
+    reading: Reading = field(default_factory=Reading)
 
     def document(self) -> dict[str, Any]:
         """The configuration in one canonical form, ready for JSON; `parse` understands it."""
         choices = {name: self.axes[name].written for name in CHOICES if name in self.axes}
         axes = {name: axis.written for name, axis in self.axes.items() if name not in CHOICES}
-        return {**choices, "seed": self.seed, "axes": axes, **({"chunks": dict(self.chunks)} if self.chunks else {})}
+        more = {"chunks": dict(self.chunks), "reading": as_table(self.reading)}
+        return {**choices, "seed": self.seed, "axes": axes, **{name: table for name, table in more.items() if table}}
 
     def fail(self, where: str, text: str) -> UsageError:
         """The error to raise for something wrong at `where`."""
         return UsageError(f"{self.label}: {where}: {text}")
 
 
-def read_config(path: str | Path) -> Config:
-    """The configuration in a TOML file. UsageError where there is none, or where something in it is wrong."""
+def read_config(path: str | Path, reading: Reading | None = None) -> Config:
+    """The configuration in a TOML file. UsageError where there is none, or where something in it is wrong.
+
+    `reading`: how files of BRDFs are read, with folders as seen from the working directory, in place of what the file says.
+    """
     document, label = read_document(path)
-    return parse(document, folder=Path(path).resolve().parent, label=label)
+    config = parse(document, folder=Path(path).resolve().parent, label=label)
+    if reading is None or reading.is_plain:
+        return config
+    if not config.reading.is_plain:
+        raise UsageError(f"{label}: reading: the options -D, -I, --args and --returns say it, too; leave out one of them")
+    seen = tuple(os.path.relpath(part, config.folder) for part in reading.folders)
+    return dataclasses.replace(config, reading=dataclasses.replace(reading, folders=seen))
 
 
 def parse(document: Mapping[str, Any], *, folder: Path | None = None, label: str = "config") -> Config:
@@ -169,7 +188,8 @@ def parse(document: Mapping[str, Any], *, folder: Path | None = None, label: str
             known = ", ".join(axis.name for axis in axes.values() if not axis.held) or "(none)"
             raise UsageError(f"{label}: chunks.{key}: there is no such axis; the axes are {known}")
         chunks[name] = min(size, len(axes[name]))
-    return Config(axes, chunks, given.seed, folder or Path(), label)
+    reading = Reading() if given.reading is None else given.reading.reading(label)
+    return Config(axes, chunks, given.seed, folder or Path(), label, reading)
 
 
 def _identifier(key: str) -> str:

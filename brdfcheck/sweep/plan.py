@@ -22,6 +22,8 @@ import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.subject import refuse_reading
+from brdfcheck.brdf.ways import Caller
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.runtime import double_precision
@@ -85,8 +87,10 @@ class Plan:
         modules: dict[str, ModuleType] = {}
         try:
             self._sources = {
-                name: subjects.find(name, config.folder, modules, places or {}) for name in config.axes["brdf"].values
+                name: subjects.find(name, config.folder, modules, places or {}, config.reading)
+                for name in config.axes["brdf"].values
             }
+            refuse_reading(config.reading, {name: source.value for name, source in self._sources.items()})
         except UsageError as error:
             raise config.fail("brdf", str(error)) from None
         static = {name for name in config.axes if name in CHOICES or self._is_static(name)}
@@ -171,9 +175,7 @@ class Plan:
             rule = subjects.rule_of(settings["rule"], settings.get("rtol"), template)
         except ValueError as error:
             raise self.config.fail("rule", str(error)) from None
-        with double_precision():
-            example = self.subject(combination).build(**{name: float(self.values(name)[0]) for name in self._parameters})
-        if not rule.on_host and not rule.takes(example):
+        if not rule.on_host and not rule.takes(self._example(combination)):
             raise self.config.fail(
                 "rule", f"{settings['brdf']} does not fit the rule {settings['rule']!r}, which needs {rule.needs}"
             )
@@ -184,16 +186,23 @@ class Plan:
         table = table and len(self._axes["n"]) <= _PROGRAMS * self.config.chunks.get("n", len(self._axes["n"]))
         return subjects.method(rule, template, table=table)
 
+    def _example(self, combination: tuple[int, ...]) -> Any:
+        """The BRDF of a combination at the first of all values."""
+        with double_precision():
+            return self.subject(combination).build(**{name: float(self.values(name)[0]) for name in self._parameters})
+
     def cell(self, combination: tuple[int, ...]) -> Any:
         """A function of a cell's numbers, by axis and `CELL`, that gives the `Estimate` of the combination's rule."""
         build, dtype, rule = self.subject(combination).build, self.dtype(combination), self.method(combination).rule
+        caller = None if isinstance(self._example(combination), AbstractBRDF) else self._caller(combination)
 
         def cell(numbers: dict[str, Any]) -> Any:
             brdf = build(**{name: numbers[name] for name in self._parameters})
             if isinstance(brdf, AbstractBRDF):
                 brdf = subjects.of_type(brdf, dtype)
-            elif "azimuth" in numbers:
-                brdf = subjects.turned(brdf, numbers["azimuth"])
+            elif caller is not None:
+                brdf = caller.brdf([numbers[name] for name in self._parameters])
+                brdf = subjects.turned(brdf, numbers["azimuth"]) if "azimuth" in numbers else brdf
             key = jax.random.key(self.config.seed)
             for part in (numbers[CELL] >> 32, numbers[CELL] & 0xFFFFFFFF):
                 key = jax.random.fold_in(key, part.astype(jnp.uint32))
@@ -203,12 +212,20 @@ class Plan:
 
     def evaluator(self, combination: tuple[int, ...]) -> Evaluator:
         """The BRDF of a combination as the adaptive rule sees it. UsageError where it cannot be evaluated."""
+        return self._called(Evaluator, combination)
+
+    @functools.lru_cache(maxsize=256)  # noqa: B019
+    def _caller(self, combination: tuple[int, ...]) -> Caller:
+        """How the functions of a combination are called: with arrays of directions, or one pair at a time."""
+        return self._called(Caller, combination)
+
+    def _called(self, kind: Any, combination: tuple[int, ...]) -> Any:
         middle = {name: float(self.values(name).min() + self.values(name).max()) / 2 for name in self._parameters}
         try:
             with double_precision():
-                return Evaluator(self.subject(combination).build, middle)
+                return kind(self.subject(combination).build, middle)
         except Finding as error:
-            raise self.config.fail("brdf", one_line(error)) from None
+            raise self.config.fail("brdf", one_line(error)) from error
 
     def _channels(self, combination: tuple[int, ...]) -> int | None:
         """How many channels the BRDF of a combination has; None where it gives one number."""

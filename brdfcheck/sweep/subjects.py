@@ -15,10 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.readers.base import AbstractFile
+from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
+from brdfcheck.brdf.readers.table import beside
 from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.functions import Adaptive
@@ -29,12 +31,13 @@ from brdfcheck.runtime import double_precision
 
 @dataclass(frozen=True)
 class Source:
-    """What a name stands for, before its parameters are known. `file`: where a user's BRDF is defined."""
+    """What a name stands for, before its parameters are known. `file`: where a user's BRDF is, `reading`: how it is read."""
 
     name: str
     value: Any
     signature: Signature
     file: Path | None
+    reading: Reading | None = None
 
     def takes_words(self, parameter: str) -> bool:
         """False for a parameter of one of this package's BRDFs that is a number."""
@@ -52,18 +55,20 @@ class Subject:
     template: Any
 
 
-def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mapping[str, Path]) -> Source:
+def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mapping[str, Path], reading: Reading) -> Source:
     """The BRDF called `name`. UsageError where there is none.
 
-    `modules`: users' files loaded so far. `places`: where users' files are that are not at their path from `folder`.
+    `modules`: users' files loaded so far. `places`: where users' files are that are not at their path from `folder`, from which
+    `reading`, how they are read, sees its folders.
     """
     file, spec = None, name
     if is_file_spec(name):
         path, attribute = split_spec(name)
         file = Path(places.get(path, folder / path))
         spec = str(file) if attribute is None else f"{file}:{attribute}"
-    value, _ = named(spec, modules)
-    return Source(name, value, signature_of(value), None if file is None else file.resolve())
+    how = None if file is None else beside(reading, folder)
+    value, _ = named(spec, modules, how)
+    return Source(name, directional(value), signature_of(value), None if file is None else file.resolve(), how)
 
 
 def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]) -> Subject:
@@ -99,7 +104,7 @@ def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple
             target = resolve([source.name], bounds, None)[0]
         else:
             value = functools.partial(source.value, **words) if words else source.value
-            target = family_of(value, source.name, bounds, None)
+            target = family_of(value, source.name, bounds, None, source.reading)
     except NoRange as error:
         raise UsageError(_needs(source, error.names)) from None
     if target.finding is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from typing import Any
 
@@ -20,7 +21,9 @@ from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict
 from brdfcheck.verdict.report import judge as judge
 from brdfcheck.verdict.side_checks import SideChecks
-from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, supremum
+from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
+
+_log = logging.getLogger("brdfcheck")
 
 
 def check(
@@ -90,9 +93,10 @@ def check_family(
     albedo: PointwiseAlbedo | None = None
     try:
         albedo = PointwiseAlbedo(family)
-        if albedo.slow:
-            notes.append("JAX cannot trace this function: evaluated with numpy, which is slower")
         if albedo.evaluator is not None:
+            notes += [albedo.evaluator.note] if albedo.evaluator.note else []
+            if effort != (effort := affordable(effort, albedo)):
+                notes.append(f"the search made the effort {effort!r}, for a call for each pair is slow")
             findings += _batches(albedo)
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
@@ -100,6 +104,7 @@ def check_family(
         evidence = Evidence(albedo, worst.parameters)
         checks = [made(evidence) for made in CHECKS.values()]
     except Finding as finding:
+        _log.debug("%s", family.name, exc_info=True)
         findings.append(str(finding))
     findings += [found.words for found in checks if not found.passed]
     side = evidence.side if evidence is not None and checks else None

@@ -53,7 +53,14 @@ def _reciprocal(evidence: Evidence) -> Check:
         values = f"{side.unequal.value:.6g} and {side.unequal.swapped:.6g} / sr"
         words += f": {values}{evidence.where(side.unequal)}"
     if side.cosine:
-        words += " (divided by the cosine it is: return the BRDF alone, without the cosine of the rendering equation)"
+        say = '--returns "brdf*cos", in Python brdfcheck.load(..., returns="brdf*cos")'
+        also = f"or say {say}"
+        if side.cosine == "wo":
+            also = f"or, where wo is the light, call the arguments (view, light) and say {say}"
+        words += (
+            f" (divided by the cosine of {side.cosine} it is: return the BRDF alone, without the cosine of the rendering"
+            f" equation, {also})"
+        )
     return Check("reciprocal", side.reciprocity, side.reciprocal, words)
 
 

@@ -49,7 +49,7 @@ class SideChecks:
     `reciprocity`: largest |f(wi,wo) - f(wo,wi)| relative to the larger value, of those that rounding cannot explain if there
     are such; `minimum`: smallest value in 1/sr (nan where no value is finite); `nonfinite`: how many values are NaN or Inf;
     `pairs`: how many values were looked at. The witnesses say where (None: nothing is wrong). `cosine`: all that is not
-    reciprocal would be, divided by the cosine of one of the directions.
+    reciprocal would be, divided by the cosine of this direction, "wi" or "wo" (empty: it would not).
     """
 
     reciprocity: float
@@ -61,7 +61,7 @@ class SideChecks:
     unequal: Witness | None = None
     lowest: Witness | None = None
     broken: Witness | None = None
-    cosine: bool = False
+    cosine: str = ""
 
     @property
     def passed(self) -> bool:
@@ -217,17 +217,19 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
         witness(where, float(there[where]), float(back[where])) if np.any(unequal) else None,
         lowest,
         broken,
-        bool(np.any(unequal)) and _holds_the_cosine(unequal, there, back, wi, wo),
+        _cosine_in(unequal, there, back, wi, wo) if np.any(unequal) else "",
     )
 
 
-def _holds_the_cosine(unequal: np.ndarray, there: np.ndarray, back: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> bool:
-    """True where values that differ are reciprocal once they are divided by the cosine of one of the two directions."""
+def _cosine_in(unequal: np.ndarray, there: np.ndarray, back: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> str:
+    """The direction by whose cosine values that differ must be divided to be reciprocal: "wi", "wo", or empty."""
     light, view = (np.broadcast_to(part[:, 2, None], there.shape)[unequal] for part in (wi, wo))
     there, back = there[unequal], back[unequal]
     with np.errstate(all="ignore"):
-        pairs = ((there / view, back / light), (there / light, back / view))
-        return any(bool(np.all(np.abs(one - other) <= _HINT * np.maximum(np.abs(one), np.abs(other)))) for one, other in pairs)
+        for name, one, other in (("wi", there / light, back / view), ("wo", there / view, back / light)):
+            if np.all(np.abs(one - other) <= _HINT * np.maximum(np.abs(one), np.abs(other))):
+                return name
+    return ""
 
 
 def _noise(values: Values, wi: np.ndarray, wo: np.ndarray, there: np.ndarray, back: np.ndarray, epsilon: float) -> np.ndarray:

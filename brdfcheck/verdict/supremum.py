@@ -36,6 +36,8 @@ EFFORTS = ("quick", "normal", "thorough")
 NORMAL_IS_WORST = "normal incidence is the worst angle"
 NEVER_ABOVE_ONE = "masked facets never reflect more than they receive"
 _SCALE = {"quick": 0.25, "normal": 1.0, "thorough": 4.0}
+# What a function that is called for each pair of directions is given of each: by the second of them it takes minutes.
+_ONE_BY_ONE = {"quick": "quick", "normal": "quick", "thorough": "normal"}
 _STARTS = 40
 # The part of the points that are scanned where a theorem has the verdict.
 _BOUNDED = 0.25
@@ -85,6 +87,11 @@ class Supremum:
     channels: int = 1
 
 
+def affordable(effort: str, albedo: PointwiseAlbedo) -> str:
+    """The effort that a search makes where `effort` was asked for: less for a function that is called pair by pair."""
+    return _ONE_BY_ONE[effort] if albedo.one_by_one else effort
+
+
 def supremum(
     albedo: PointwiseAlbedo,
     *,
@@ -97,8 +104,9 @@ def supremum(
     """The largest albedo of the family behind `albedo` over its box of parameters, cosines and azimuths.
 
     `intervals`: for a family of one parameter whose albedo exceeds `threshold`, also find where it does. `rtol`: the accuracy
-    of the confirmed albedos, by default the best. `effort`: one of `EFFORTS`, how many points are scanned. A value that is not
-    a number is returned as such where nothing else was found. Raises Finding where a user's BRDF fails.
+    of the confirmed albedos, by default the best. `effort`: one of `EFFORTS`, how many points are scanned, as far as that is
+    `affordable`. A value that is not a number is returned as such where nothing else was found. Raises Finding where a user's
+    BRDF fails.
     """
     keep_freed_memory()
     search = _Search(albedo, threshold, rtol, effort, watch or (lambda points, best: None))
@@ -117,7 +125,7 @@ class _Search:
     def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, watch: Watch):
         self.bounded = albedo.bounded and threshold >= 1
         # Where the verdict is a theorem's, only the value is left to look for.
-        self.threshold, self.scale = threshold, _SCALE[effort] * (_BOUNDED if self.bounded else 1)
+        self.threshold, self.scale = threshold, _SCALE[affordable(effort, albedo)] * (_BOUNDED if self.bounded else 1)
         self.surface = Surface(albedo, rtol, watch)
         self.scan = Scan(self.surface, self.scale)
         self.winners = Winners(self.surface.box)

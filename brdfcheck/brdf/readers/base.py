@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
 RETURNS = ("brdf", "brdf*cos")
 """What a function may return: the BRDF, or the BRDF times the cosine at the light."""
-OPTIONS = "-D, -I, --args and --returns"
-"""The options of a `Reading`, for messages."""
+OPTIONS = "-D, -I and --args"
+"""The options of a `Reading` that are for shader files alone, for messages."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How shader files are read.
+    """How files are read: of functions what they return, and of shader files the rest.
 
     `defines`: macros; `folders`: where includes are looked for; `arguments`: the roles L, V, N, X, Y of a function's arguments,
     in its order (any other word stands for a parameter); `returns`: one of `RETURNS`. UsageError for anything else.
@@ -57,7 +57,17 @@ class Reading:
     @property
     def is_plain(self) -> bool:
         """True where nothing is asked for."""
-        return not (self.defines or self.folders or self.arguments) and self.returns == RETURNS[0]
+        return not (self.for_shaders or self.per_cosine)
+
+    @property
+    def for_shaders(self) -> bool:
+        """True where something is asked for that only shader files have."""
+        return bool(self.defines or self.folders or self.arguments)
+
+    @property
+    def per_cosine(self) -> bool:
+        """True where functions return the BRDF times the cosine at the light."""
+        return self.returns != RETURNS[0]
 
 
 class AbstractFile(abc.ABC):

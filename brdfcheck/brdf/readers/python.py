@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.readers.specs import split_spec
 from brdfcheck.messages import UsageError, one_line
 
@@ -103,9 +104,10 @@ def _offers(module: ModuleType) -> list[str]:
 
     found = []
     for name, value in vars(module).items():
-        if name.startswith("_") or not callable(value):
+        if name.startswith("_"):
             continue
-        if getattr(value, "__module__", None) == module.__name__ or isinstance(value, AbstractBRDF):
+        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, AbstractBRDF)
+        if own and callable(directional(value)):
             found.append(name)
     return found
 
@@ -133,7 +135,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
         if not hasattr(value, part):
             raise UsageError(f"{path} has no object {name!r}; {choices}")
         value = getattr(value, part)
-    if not callable(value):
+    if not callable(directional(value)):
         kind = type(value).__name__
         raise UsageError(f"{path}:{name} is not callable ({kind}); give a BRDF f(wi, wo), a class or a factory; {choices}")
     return value, f"{path}:{name}"

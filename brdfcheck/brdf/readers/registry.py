@@ -19,7 +19,8 @@ class Reader:
     """A kind of file. `load` takes the full spec, how to read it, and the Python modules loaded so far.
 
     It returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
-    `needs`: what of this package has to be installed for it; `asks`: that the options of a `Reading` are for it.
+    `needs`: what of this package has to be installed for it; `asks`: that the options of shader files are for it; `functions`:
+    that it reads functions, which return what ``--returns`` says.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Reader:
     needs: str
     load: Callable[[str, Reading, Modules], tuple[Any, str]]
     asks: bool = True
+    functions: bool = True
 
 
 def _python(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
@@ -64,6 +66,8 @@ def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
         kinds = "; ".join(f"{reader.name} ({', '.join(reader.suffixes)}), as {reader.example}" for reader in READERS)
         what = f"files that end in {suffix!r}" if suffix else "a file without an ending"
         raise UsageError(f"{one_line(spec)!r}: there is no reader for {what}; a BRDF of your own is read from {kinds}")
-    if not (reader.asks or reading.is_plain):
+    if reading.for_shaders and not reader.asks:
         raise UsageError(f"{OPTIONS} are for shader files; {one_line(spec)} is {reader.name}")
+    if reading.per_cosine and not reader.functions:
+        raise UsageError(f"--returns is for functions; {one_line(spec)} is {reader.name}")
     return reader.load(spec, reading, modules)

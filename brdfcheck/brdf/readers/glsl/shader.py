@@ -173,7 +173,7 @@ class ShaderFile(AbstractFile):
             )
         program.compile(routine)
         knobs = [*self._uniforms(program), *self._arguments(program, routine, roles)]
-        return _Compiled(program, routine, tuple(roles), knobs, reading.returns == "brdf*cos")
+        return _Compiled(program, routine, tuple(roles), knobs, reading.per_cosine)
 
     def _uniforms(self, program: Program) -> list[Knob]:
         declared = {item.name: item for item in self._declared}

@@ -1,0 +1,250 @@
+"""What `check` takes, every command takes: functions of arrays and of one pair, shaders with options, files that do not fit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import png
+import pytest
+import xarray
+
+from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.cli import ExitCode
+from brdfcheck.messages import UsageError
+from brdfcheck.scene import presets
+from brdfcheck.scene.functions import brdf_of
+from brdfcheck.scene.materials import Term
+from brdfcheck.scene.white_furnace import furnace_excess, furnace_largest
+from brdfcheck.sweep import Plan
+from brdfcheck.sweep.config import parse, read_config
+
+Run = Callable[..., tuple[int, str, str]]
+
+MINE = """
+import math
+import jax.numpy as jnp
+
+def pair(wi, wo, n=10):
+    c = wi[2] * wo[2] - wi[0] * wo[0] - wi[1] * wo[1]
+    return (n + 2) / (2 * math.pi) * c**n if c > 0 else 0.0
+
+def bright(wi, wo):
+    return 1.25 / math.pi if wi[2] > 0 else 0.0
+
+def loop(wi, wo):
+    return math.fabs(0.5) / math.pi
+
+def rgb(wi, wo):
+    return [0.2 / math.pi, 0.4 / math.pi, 1.1 / math.pi]
+
+class Matt:
+    def __init__(self, k):
+        self.k = k
+    def eval(self, wi, wo):
+        return self.k / math.pi + 0 * wi[2]
+
+def rendered(wi, wo):
+    return wi[..., 2] / math.pi
+
+def broken(wi, wo):
+    return wi[..., 2] * undefined_name
+"""
+SHADER = """
+uniform float k = 0.5;
+vec3 f(vec3 a, vec3 b) { return vec3(k / 3.141592653589793 * GAIN * b.z); }
+"""
+OPTIONS = ("--args", "V,L", "--returns", "brdf*cos", "-D", "GAIN=1.0")
+
+
+@pytest.fixture
+def files(here: Path) -> Path:
+    (here / "mine.py").write_text(MINE)
+    (here / "lobe.glsl").write_text(SHADER)
+    return here
+
+
+def picture(path: Path) -> np.ndarray:
+    width, height, rows, _ = png.Reader(bytes=path.read_bytes()).read()
+    return np.array([list(row) for row in rows]).reshape(height, width, -1)
+
+
+# --- render ---
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("mine.py:pair", ("--set", "n=5")),
+        ("mine.py:Matt", ("--set", "k=0.5")),
+        ("mine.py:rendered", ("--returns", "brdf*cos")),
+        ("lobe.glsl:f", OPTIONS),
+        ("phong", ("--set", "n=20")),
+    ],
+)
+def test_a_sphere_and_a_furnace_of_any_brdf(run: Run, files: Path, name: str, options: tuple[str, ...]) -> None:
+    for kind in ("sphere", "furnace"):
+        code, out, err = run(
+            "render", kind, "--brdf", name, *options, "--size", "12", "--quality", "draft", "-o", f"{kind}.png"
+        )
+        assert (code, err) == (ExitCode.PASSED, "")
+        assert "wrote" in out
+    sphere = picture(files / "sphere.png")
+    assert sphere.shape == (12, 12, 3)
+    assert sphere.max() > 60
+
+
+def test_a_furnace_shows_what_is_reflected(files: Path) -> None:
+    for name, expected in (("bright", 1.25), ("loop", 0.5), ("rgb", [0.2, 0.4, 1.1])):
+        brdf = brdf_of(f"{files}/mine.py:{name}", {})
+        excess, covered = furnace_excess(brdf, {}, 7)
+        middle = excess[..., 3, 3]
+        np.testing.assert_allclose(middle, np.array(expected) - 1, atol=1e-4)
+        assert covered[3, 3] == 1
+        assert furnace_largest(brdf) == pytest.approx(np.max(expected), abs=1e-4)
+        image = presets.render_brdf("furnace", brdf, name, 7, "draft")
+        assert image.shape[0] == 3
+    with pytest.raises(KeyError, match="these are sphere, furnace"):
+        presets.render_brdf("cube", brdf, name)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("sphere",), "sphere: say of which BRDF, as in --brdf mine.py:glossy"),
+        (("sphere", "--brdf", "Phong"), "Phong: the parameter n must be given as a number"),
+        (("sphere", "--brdf", "phong", "--set", "n=1:5"), "--set n=1:5: a picture is of one BRDF; give n one value"),
+        (("sphere", "--brdf", "mine.py:pair", "--set", "q=1"), "mine.py:pair has no parameter 'q'; its parameters: n"),
+        (("sphere", "--brdf", "mine.py:pair", "-D", "X"), "-D, -I and --args are for shader files; mine.py:pair is Python"),
+        (("furnace", "--brdf", "mine.py:broken"), "NameError: name 'undefined_name' is not defined (mine.py:28)"),
+        (
+            ("furnace", "--brdf", "thing.xyz"),
+            "there is no reader for files that end in '.xyz'; a BRDF of your own is read from",
+        ),
+        (("lobes", "--brdf", "phong"), "--brdf goes with sphere or furnace; got 'lobes'"),
+        (("lobes", "--set", "n=1"), "--set goes with --brdf"),
+        (("scene.toml", "--returns", "brdf*cos"), "-D, -I, --args and --returns go with --brdf; a scene says it in its file"),
+        (("sphere", "--brdf", "phong", "--set", "n=1", "--size", "2x3"), "a preset is made of squares"),
+    ],
+)
+def test_what_a_picture_refuses(run: Run, files: Path, words: tuple[str, ...], message: str) -> None:
+    code, out, err = run("render", *words, "-o", "x.png")
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert message in err
+    assert err.count("\n") == 1
+    assert not (files / "x.png").exists()
+
+
+def test_a_scene_says_how_a_file_is_read(run: Run, files: Path) -> None:
+    reading = 'reading = { returns = "brdf*cos", args = "V,L", defines = { GAIN = "2.0" } }'
+    lights = '[[lights]]\nkind = "distant"\ndirection = [0, 0, 1]\nintensity = 3.141592653589793\n'
+    terms = f'terms = [{{ brdf = "lobe.glsl:f", k = 0.25, {reading} }}]\n'
+    text = f'allow_unvalidated = true\nsize = 3\n[material]\nkind = "surface"\n{terms}{lights}'
+    (files / "scene.toml").write_text(text)
+    code, _, err = run("render", "scene.toml", "--quality", "draft", "-o", "scene.exr")
+    assert (code, err) == (ExitCode.PASSED, "")
+    how = Reading({"GAIN": "2.0"}, (), ("V", "L"), "brdf*cos")
+    term = Term(f"{files}/lobe.glsl:f", k=0.25, reading=how)
+    assert term.brdf(np.array([0.6, 0, 0.8]), np.array([0, 0, 1.0]))[0] == pytest.approx(0.5 / np.pi)
+    with pytest.raises(UsageError, match="--returns is for functions in files; got phong"):
+        Term("phong", n=3, reading=Reading(returns="brdf*cos"))
+    for wrong, message in (("cos", "material.terms[0].reading.returns: must be one of 'brdf' or 'brdf*cos'"),):
+        (files / "wrong.toml").write_text(text.replace("brdf*cos", wrong))
+        code, _, err = run("render", "wrong.toml", "-o", "x.png")
+        assert code == ExitCode.USAGE_ERROR
+        assert message in err
+
+
+# --- sweep ---
+
+
+def swept(run: Run, files: Path, text: str, *words: str) -> np.ndarray:
+    (files / "config.toml").write_text(text)
+    code, _, err = run("sweep", "config.toml", "--out", "store.zarr", *words)
+    assert code == ExitCode.PASSED, err
+    return xarray.open_zarr("store.zarr").albedo.values
+
+
+def test_a_sweep_of_a_shader_with_options(run: Run, files: Path) -> None:
+    text = 'brdf = "lobe.glsl:f"\n[axes]\nk = [0.25, 0.5]\ncos_theta = [0.5, 1]\n'
+    table = '[reading]\nreturns = "brdf*cos"\nargs = "V,L"\ndefines = { GAIN = "1.0" }\n'
+    found = swept(run, files, text, *OPTIONS)
+    np.testing.assert_allclose(found, np.broadcast_to([[[0.25]], [[0.5]]], (2, 2, 3)), rtol=1e-7)
+    # The same, said in the file, is the same sweep.
+    (files / "config.toml").write_text(text + table)
+    code, out, err = run("sweep", "config.toml", "--out", "store.zarr")
+    assert code == ExitCode.PASSED, err
+    assert "4 were there" in out
+    document = read_config("config.toml").document()
+    assert document["reading"] == {"returns": "brdf*cos", "args": "V,L", "defines": {"GAIN": "1.0"}}
+    assert parse(document, folder=files).document() == document
+    code, _, err = run("sweep", "config.toml", "--out", "store.zarr", "--returns", "brdf*cos")
+    assert code == ExitCode.USAGE_ERROR
+    assert "say it, too; leave out one of them" in err
+    code, _, err = run("sweep", "config.toml", "--out", "other.zarr", "--returns", "brdf*cos", "-D", "GAIN=2")
+    assert code == ExitCode.USAGE_ERROR
+
+
+def test_a_sweep_of_functions_of_one_pair(run: Run, files: Path) -> None:
+    text = 'brdf = "mine.py:pair"\n[axes]\nn = [1.5, 10]\ncos_theta = [0.5, 1]\n'
+    by_engine = swept(run, files, text)
+    np.testing.assert_allclose(by_engine[:, 1], 1, rtol=1e-7)
+    by_rule = {"brdf": "mine.py:pair", "rule": "gauss-product:16", "axes": {"n": [10.5], "cos_theta": [1]}}
+    assert Plan(parse(by_rule, folder=files)).channels is None
+    with pytest.raises(UsageError, match="--returns is for functions in files; got phong"):
+        Plan(parse({"brdf": "phong", "axes": {"n": [1], "cos_theta": [1]}, "reading": {"returns": "brdf*cos"}}))
+
+
+# --- plot and fit ---
+
+
+def test_a_switch_has_a_curve_at_its_ends_and_none_between(run: Run, files: Path) -> None:
+    text = "analytic\n::begin parameters\nbool half 0\n::end parameters\n::begin shader\n"
+    text += "vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y) { return vec3(half ? 0.1 : 0.2); }\n::end shader\n"
+    (files / "a.brdf").write_text(text)
+    code, out, err = run("plot", "albedo-vs-angle", "a.brdf", "--cos-theta", "1", "--samples", "3", "-o", "a.svg")
+    assert code == ExitCode.PASSED, err
+    assert [line.split()[1] for line in out.splitlines()[:-1]] == ["half=0", "half=1"]
+
+
+@pytest.mark.slow
+def test_a_plot_of_what_holds_the_cosine(run: Run, files: Path) -> None:
+    code, out, err = run(
+        "plot", "albedo-vs-angle", "mine.py:rendered", "--returns", "brdf*cos", "--samples", "3", "-o", "a.svg"
+    )
+    assert code == ExitCode.PASSED, err
+    assert "mine.py:rendered  nowhere above 1  largest 1 at" in out
+
+
+@pytest.mark.slow
+def test_a_fit_is_plotted_as_it_was_made(run: Run, files: Path) -> None:
+    (files / "s.glsl").write_text("float f(vec3 L, vec3 V, float n, float k) { return k * pow(V.z, n) * L.z * L.z; }")
+    held = ("--n", "1:2", "--set", "k=1", "--returns", "brdf*cos", "--json", "fit.json")
+    assert run("fit", "s.glsl", *held)[0] in (ExitCode.PASSED, ExitCode.FAILED)
+    code, _, err = run("plot", "albedo-vs-n", "fit.json", "--samples", "3", "-o", "a.svg", "--json", "a.json")
+    assert code == ExitCode.PASSED, err
+    largest = float(json.loads((files / "fit.json").read_text())["results"][0]["peak"])
+    assert max(map(float, json.loads((files / "a.json").read_text())["results"][0]["albedo"])) == pytest.approx(
+        largest, abs=1e-6
+    )
+
+
+# --- tracebacks ---
+
+
+def test_debug_shows_where_a_function_failed(run: Run, files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, err = run("check", "mine.py:broken")
+    assert (code, err) == (ExitCode.FAILED, "")
+    assert "finding: mine.py:broken: broken raised NameError: name 'undefined_name' is not defined (mine.py:28)" in out
+    code, _, err = run("check", "mine.py:broken", "--debug")
+    assert code == ExitCode.FAILED
+    assert "Traceback" in err
+    assert "return wi[..., 2] * undefined_name" in err
+    assert "Traceback" not in run("check", "mine.py:broken")[2]
+    assert (
+        "return wi[..., 2] * undefined_name" in run("render", "sphere", "--brdf", "mine.py:broken", "-o", "x.png", "--debug")[2]
+    )
+    monkeypatch.setenv("BRDFCHECK_DEBUG", "1")
+    assert "Traceback" in run("check", "mine.py:broken")[2]
