@@ -104,6 +104,15 @@ def test_a_document_gives_colours_and_what_is_linked(tmp_path: Path) -> None:
     assert at(load(f"{path}:SR_worn", base_color=colour)) == pytest.approx(gltf_metal(np.array(colour), 1.0), rel=1e-7)
 
 
+def test_colours_are_taken_from_their_space(tmp_path: Path) -> None:
+    grey = MATTE.replace('value="0.5, 0.25, 0.125"', 'value="0.5, 0.25, 0.125" colorspace="srgb_texture"')
+    linear = ((np.array([0.5, 0.25, 0.125]) + 0.055) / 1.055) ** 2.4
+    assert at(load(write(tmp_path, grey, "a.mtlx"))) == pytest.approx(np.tile(linear / np.pi, (3, 1)), rel=1e-6)
+    assert "does not know the colour space 'srgb_textur'" in refusal(
+        write(tmp_path, grey.replace("_texture", "_textur"), "b.mtlx")
+    )
+
+
 def test_colours_are_white_but_for_those_that_are_off() -> None:
     held = load("materialx:standard_surface").held
     assert held["base_color"] == 1

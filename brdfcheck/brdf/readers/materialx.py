@@ -45,6 +45,7 @@ _TYPES: dict[str, Type] = {
     "color3": Vector("float", 3),
     "color4": Vector("float", 4),
 }
+_LINEAR = "lin_rec709"
 _OPEN = (-math.inf, math.inf)
 _WORDS = {"true": "1", "false": "0"}
 _FRAME = {"normalWorld": "vec3(0.0, 0.0, 1.0)", "tangentWorld": "vec3(1.0, 0.0, 0.0)", "bitangentWorld": "vec3(0.0, 1.0, 0.0)"}
@@ -183,6 +184,10 @@ class MaterialXFile(AbstractFile):
             name, kind, text = item.getNamePath(), item.getType(), item.getValueString()
             if text and kind in _TYPES:
                 self._numbers(name, text, kind)
+            space = item.getActiveColorSpace() if kind in ("color3", "color4") else ""
+            if space not in ("", _LINEAR) and _library().getNodeDef(f"ND_{space}_to_{_LINEAR}_{kind}") is None:
+                shown = f"{one_line(space)!r} of {one_line(name)!r}"
+                raise UsageError(f"{self._spec}: MaterialX does not know the colour space {shown}")
             if item.getNodeName() and item.getConnectedNode() is None:
                 linked = one_line(item.getNodeName())
                 raise UsageError(f"{self._spec}: the input {one_line(name)!r} is linked to {linked!r}, which is not there")
@@ -299,7 +304,7 @@ def _library() -> Any:
 
 def _surfaces() -> list[str]:
     """The names of the surfaces that MaterialX defines."""
-    nodes = (item for item in _library().getNodeDefs() if item.getType() == _SURFACE)
+    nodes = (item for item in _library().getNodeDefs() if item.getType() == _SURFACE and item.getNodeGroup() == "pbr")
     return sorted({item.getNodeString() for item in nodes})
 
 
@@ -320,7 +325,7 @@ def _generated_by(library: Any) -> tuple[Any, Any]:
     options = context.getOptions()
     options.hwSpecularEnvironmentMethod = shadergen.HwSpecularEnvironmentMethod.SPECULAR_ENVIRONMENT_NONE
     options.shaderInterfaceType = shadergen.ShaderInterfaceType.SHADER_INTERFACE_COMPLETE
-    options.targetDistanceUnit = "meter"
+    options.targetColorSpaceOverride, options.targetDistanceUnit = _LINEAR, "meter"
     return generator, context
 
 
