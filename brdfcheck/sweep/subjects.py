@@ -19,7 +19,7 @@ from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import AbstractFile, Reading
-from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
+from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import beside
 from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
 from brdfcheck.messages import UsageError, one_line
@@ -62,7 +62,7 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
     `reading`, how they are read, sees its folders.
     """
     file, spec = None, name
-    if is_file_spec(name):
+    if is_file_spec(name) and not name.startswith(PREFIXES):
         path, attribute = split_spec(name)
         file = Path(places.get(path, folder / path))
         spec = str(file) if attribute is None else f"{file}:{attribute}"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
 from brdfcheck.brdf.readers.base import OPTIONS, Reading
-from brdfcheck.brdf.readers.specs import SUFFIXES, split_spec, suffix_of
+from brdfcheck.brdf.readers.specs import PREFIXES, SUFFIXES, split_spec, suffix_of
 from brdfcheck.messages import UsageError, one_line
 
 Modules = dict[str, ModuleType]
@@ -19,17 +20,19 @@ class Reader:
     """A kind of file. `load` takes the full spec, how to read it, and the Python modules loaded so far.
 
     It returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
-    `needs`: what of this package has to be installed for it; `asks`: that the options of shader files are for it; `functions`:
-    that it reads functions, which return what ``--returns`` says.
+    `needs`: the package it needs and the extra of this package that installs it, None for the plain installation; `asks`: that
+    the options of shader files are for it; `functions`: that it reads functions, which return what ``--returns`` says;
+    `prefix`: how names begin that are for it without being those of a file.
     """
 
     name: str
     suffixes: tuple[str, ...]
     example: str
-    needs: str
+    needs: tuple[str, str] | None
     load: Callable[[str, Reading, Modules], tuple[Any, str]]
     asks: bool = True
     functions: bool = True
+    prefix: str = ""
 
 
 def _python(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
@@ -47,21 +50,40 @@ def _shader(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
     return file, file.spec
 
 
-_PLAIN = "the plain installation"
+def _materialx(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.materialx import MaterialXFile
+
+    del reading, modules
+    file = MaterialXFile(spec)
+    return file, file.spec
+
+
 READERS = (
-    Reader("Python", (".py",), "mine.py:brdf", _PLAIN, _python, asks=False),
-    Reader("BRDF Explorer", (".brdf",), "mine.brdf", _PLAIN, _shader),
-    Reader("GLSL", (".glsl", ".frag", ".glslf", ".fs"), "mine.glsl:FUNCTION", _PLAIN, _shader),
-    Reader("HLSL", (".hlsl",), "mine.hlsl:FUNCTION", _PLAIN, _shader),
-    Reader("Slang", (".slang",), "mine.slang:FUNCTION", _PLAIN, _shader),
+    Reader("Python", (".py",), "mine.py:brdf", None, _python, asks=False),
+    Reader("BRDF Explorer", (".brdf",), "mine.brdf", None, _shader),
+    Reader("GLSL", (".glsl", ".frag", ".glslf", ".fs"), "mine.glsl:FUNCTION", None, _shader),
+    Reader("HLSL", (".hlsl",), "mine.hlsl:FUNCTION", None, _shader),
+    Reader("Slang", (".slang",), "mine.slang:FUNCTION", None, _shader),
+    Reader(
+        "MaterialX",
+        (".mtlx",),
+        "mine.mtlx[:NODE] or materialx:NODE",
+        ("MaterialX", "materialx"),
+        _materialx,
+        asks=False,
+        functions=False,
+        prefix="materialx:",
+    ),
 )
 assert {suffix for reader in READERS for suffix in reader.suffixes} == set(SUFFIXES)
+assert {reader.prefix for reader in READERS} - {""} == set(PREFIXES)
 
 
 def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
     """What a file holds, and its full name. UsageError where no reader knows the file, or the reader refuses it."""
     suffix = suffix_of(spec)
-    reader = next((reader for reader in READERS if suffix in reader.suffixes), None)
+    known = (reader for reader in READERS if suffix in reader.suffixes or (reader.prefix and spec.startswith(reader.prefix)))
+    reader = next(known, None)
     if reader is None:
         kinds = "; ".join(f"{reader.name} ({', '.join(reader.suffixes)}), as {reader.example}" for reader in READERS)
         what = f"files that end in {suffix!r}" if suffix else "a file without an ending"
@@ -70,4 +92,7 @@ def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
         raise UsageError(f"{OPTIONS} are for shader files; {one_line(spec)} is {reader.name}")
     if reading.per_cosine and not reader.functions:
         raise UsageError(f"--returns is for functions; {one_line(spec)} is {reader.name}")
+    if reader.needs is not None and find_spec(reader.needs[0]) is None:
+        package, extra = reader.needs
+        raise UsageError(f"{one_line(spec)}: {reader.name} needs the package {package}: pip install 'brdfcheck[{extra}]'")
     return reader.load(spec, reading, modules)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import os
 import re
 
-SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang")
+SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang", ".mtlx")
 """Endings of files for which there is a reader."""
+PREFIXES = ("materialx:",)
+"""Beginnings of names that stand for what a package knows, and for no file."""
 # What ends like the name of a file; no name of the catalogue does.
 _ENDING = re.compile(r"\.[A-Za-z]\w{0,9}$")
 
 
 def split_spec(spec: str) -> tuple[str, str | None]:
     """``path/to/file.py:object`` -> (path, object); the object is None where only a file is given."""
+    if spec.startswith(PREFIXES):
+        return spec, None
     path, colon, name = spec.rpartition(":")
     if not colon or name.lower().endswith(SUFFIXES) or "/" in name:
         return spec, None

@@ -15,12 +15,13 @@ _SECTIONS = ("parameters", "shader")
 
 @dataclass(frozen=True)
 class Declared:
-    """A parameter of the file. `bounds`: its range; `default`: a number for each component."""
+    """A parameter of the file. `bounds`: its range; `default`, `plain`: a number for each component, as in a `Knob`."""
 
     name: str
     type: Type
     bounds: tuple[float, float] | None
     default: tuple[float, ...]
+    plain: tuple[float, ...] | None = None
 
 
 def split(text: str, path: str) -> tuple[list[Declared], str]:
@@ -91,7 +92,7 @@ def _parameter(words: list[str], line: str, known: set[str], at: Position) -> De
             raise mistake(at, f"parameter {name!r}: a bool is 0 or 1; got {rest[1]}")
         return Declared(name, BOOL, (0.0, 1.0), numbers)
     if kind == "color":
-        return Declared(name, Vector("float", 3), None, numbers)
+        return Declared(name, Vector("float", 3), None, numbers, (1.0,) * 3)
     low, high, default = numbers
     if low > high:
         raise mistake(at, f"parameter {name!r}: MIN must not exceed MAX; got {low:g} > {high:g}")

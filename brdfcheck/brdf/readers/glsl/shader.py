@@ -16,7 +16,7 @@ from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.glsl import analytic
 from brdfcheck.brdf.readers.glsl.dialect import GLSL, HLSL
 from brdfcheck.brdf.readers.glsl.errors import Position, mistake
-from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, Vector, kind_of, leaves_of
+from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, kind_of, leaves_of
 from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, at_path, fields_of, missing, names_of, placed, settle
 from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
 from brdfcheck.brdf.readers.glsl.program import Program
@@ -72,19 +72,31 @@ class ShaderBRDF:
         return jnp.stack(channels, axis=-1)
 
 
+@dataclass(frozen=True)
+class Made:
+    """A shader that another reader makes, of GLSL: its text, its parameters, and what it is called in reports."""
+
+    text: str
+    parameters: tuple[analytic.Declared, ...]
+    spec: str
+
+
 class ShaderFile(AbstractFile):
     """A shader file that has been read and compiled. `names`, `required`, `whole`: of its parameters. Raises ShaderError.
 
-    `function`: the one that is the BRDF, None where the file has to tell.
+    `function`: the one that is the BRDF, None where the file has to tell. `made`: the shader, where it is in no file.
     """
 
-    def __init__(self, path: str, function: str | None, reading: Reading):
+    def __init__(self, path: str, function: str | None, reading: Reading, made: Made | None = None):
         self.path, self.reading = path, reading
-        text = read_text(path)
-        suffix = Path(path).suffix.lower()
+        text = read_text(path) if made is None else made.text
+        suffix = Path(path).suffix.lower() if made is None else ""
         self._analytic = suffix == ".brdf"
         self._dialect = HLSL if suffix in (".hlsl", ".slang") else GLSL
         self._declared, self._text = analytic.split(text, path) if self._analytic else ([], text)
+        if made is not None:
+            self._declared = list(made.parameters)
+        self._made = made
         self._function = function or ("BRDF" if self._analytic else None)
         self._plain = self._compile({}, ())
         self.function = self._plain.routine.name
@@ -96,7 +108,9 @@ class ShaderFile(AbstractFile):
 
     @property
     def spec(self) -> str:
-        """The file and the function."""
+        """The file and the function, or what a shader that is in no file is called."""
+        if self._made is not None:
+            return self._made.spec
         return self.path if self._analytic and self.function == "BRDF" else f"{self.path}:{self.function}"
 
     @property
@@ -182,9 +196,8 @@ class ShaderFile(AbstractFile):
             if uniform.name in declared:
                 key = ("uniform", uniform.slot, ())
                 item = declared[uniform.name]
-                white = (1.0,) * 3 if isinstance(item.type, Vector) else None
                 place = Position(self.path, 0, 0)
-                knobs.append(Knob(item.name, item.type, key, place, item.bounds, item.default, white))
+                knobs.append(Knob(item.name, item.type, key, place, item.bounds, item.default, item.plain))
             elif not isinstance(uniform.type, Opaque):
                 idle = uniform.slot not in program.used
                 parts = fields_of(uniform.type, uniform.name)
