@@ -96,7 +96,7 @@ class Evaluator:
             raise
         except Exception:  # whatever tracing throws: some functions need numbers where JAX shows them tracers
             self.slow = True
-            shapes = [self._called(middle[0], *_sample(count)) for count in (1, 2, 3)]
+            shapes = [self._called(middle[0], *sampled_pairs(count)) for count in (1, 2, 3)]
         checked = [self._shape_of(shape, count) for shape, count in zip(shapes, (1, 2, 3), strict=True)]
         if len({channels for channels in checked if channels is not None}) > 1:
             raise Finding(
@@ -146,7 +146,7 @@ class Evaluator:
 
     def _traced(self, count: int, middle: np.ndarray) -> Any:
         brdf = None if self.names else self._brdf(())
-        wi, _ = _sample(count)
+        wi, _ = sampled_pairs(count)
 
         def values(parameters: Any, wi: Any, wo: Any) -> Any:
             return (brdf or self._brdf(parameters))(wi, wo)
@@ -361,7 +361,7 @@ class Evaluator:
         Raises Finding where it is not even what it was before.
         """
         place = np.array([float(parameters[name]) for name in self.names])
-        wi, wo = _sample(24)
+        wi, wo = sampled_pairs(24)
         bound = self.bind(parameters)
 
         def together(order: np.ndarray) -> np.ndarray:
@@ -452,7 +452,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     return space[start : start + size].reshape(shape)
 
 
-def _sample(count: int) -> tuple[np.ndarray, np.ndarray]:
+def sampled_pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of directions, no two alike, shape (count, 3) each."""
     random = np.random.default_rng(11)
     cosine, azimuth = random.uniform(0.3, 0.95, (2, 24)), random.uniform(0, 2 * np.pi, (2, 24))

@@ -18,7 +18,7 @@ import numpy as np
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import AbstractFile
-from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
+from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.subject import NoRange, Signature, family_of, named, no_parameter, resolve, signature_of
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.functions import Adaptive
@@ -58,7 +58,7 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
     `modules`: users' files loaded so far. `places`: where users' files are that are not at their path from `folder`.
     """
     file, spec = None, name
-    if is_file_spec(name):
+    if is_file_spec(name) and not name.startswith(PREFIXES):
         path, attribute = split_spec(name)
         file = Path(places.get(path, folder / path))
         spec = str(file) if attribute is None else f"{file}:{attribute}"

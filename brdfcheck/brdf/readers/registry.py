@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any
 
 from brdfcheck.brdf.readers.base import OPTIONS, Reading
-from brdfcheck.brdf.readers.specs import SUFFIXES, split_spec, suffix_of
+from brdfcheck.brdf.readers.specs import PREFIXES, SUFFIXES, split_spec, suffix_of
 from brdfcheck.messages import UsageError, one_line
 
 Modules = dict[str, ModuleType]
@@ -16,9 +16,9 @@ Modules = dict[str, ModuleType]
 
 @dataclass(frozen=True)
 class Reader:
-    """A kind of file. `load` takes the full spec, how to read it, and the Python modules loaded so far.
+    """A kind of file, told by the ending of its name or by what that begins with.
 
-    It returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
+    `load` takes the full spec, how to read it, and the Python modules loaded so far; it returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
     `needs`: what of this package has to be installed for it; `asks`: that the options of a `Reading` are for it.
     """
 
@@ -45,6 +45,14 @@ def _shader(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
     return file, file.spec
 
 
+def _mitsuba(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.mitsuba.reader import PlugInFile
+
+    del reading, modules
+    file = PlugInFile(spec.partition(":")[2])
+    return file, file.spec
+
+
 _PLAIN = "the plain installation"
 READERS = (
     Reader("Python", (".py",), "mine.py:brdf", _PLAIN, _python, asks=False),
@@ -52,8 +60,9 @@ READERS = (
     Reader("GLSL", (".glsl", ".frag", ".glslf", ".fs"), "mine.glsl:FUNCTION", _PLAIN, _shader),
     Reader("HLSL", (".hlsl",), "mine.hlsl:FUNCTION", _PLAIN, _shader),
     Reader("Slang", (".slang",), "mine.slang:FUNCTION", _PLAIN, _shader),
+    Reader("Mitsuba", ("mitsuba:",), "mitsuba:PLUGIN", "pip install brdfcheck[mitsuba]", _mitsuba, asks=False),
 )
-assert {suffix for reader in READERS for suffix in reader.suffixes} == set(SUFFIXES)
+assert {suffix for reader in READERS for suffix in reader.suffixes} == {*SUFFIXES, *PREFIXES}
 
 
 def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
