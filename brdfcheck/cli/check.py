@@ -127,7 +127,7 @@ def _check(
     words.refuse_same({"--json": json, "--junitxml": junitxml})
     how = reading(define, include, args, returns)
     own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta, **how.record}
-    settings = _settings(substring, 1e-9 if tolerance is None else tolerance, rtol, effort, jobs, **own)
+    settings = _settings(substring, tolerance, rtol, effort, jobs, **own)
     began = time.perf_counter()
     start()
     from brdfcheck.brdf import catalog
@@ -175,7 +175,7 @@ def _audit(
 
 
 def _settings(
-    substring: str, tolerance: float, rtol: float | None, effort: str, jobs: int | None, **own: Any
+    substring: str, tolerance: float | None, rtol: float | None, effort: str, jobs: int | None, **own: Any
 ) -> dict[str, Any]:
     """The options as they are recorded; `own`: those of `check` alone."""
     return {
@@ -183,7 +183,7 @@ def _settings(
         "filter": substring or None,
         "over": {},
         "cos_theta": None,
-        "tolerance": tolerance,
+        "tolerance": 1e-9 if tolerance is None else tolerance,
         "rtol": rtol,
         "effort": effort,
         "jobs": jobs or min(4, len(available_cores())),

@@ -57,10 +57,10 @@ def check(
     if effort not in EFFORTS:
         raise ValueError(f"effort must be one of {', '.join(EFFORTS)}; got {effort!r}")
     subject = as_target(target, ranges, cos_theta)
-    tolerance = subject.family.tolerance if tolerance is None else tolerance
+    limit = subject.family.tolerance if tolerance is None else tolerance
     if subject.finding is not None:
-        return unusable(subject.family, subject.finding, tolerance=tolerance, effort=effort)
-    return check_family(subject.family, tolerance=tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
+        return unusable(subject.family, subject.finding, tolerance=limit, effort=effort)
+    return check_family(subject.family, tolerance=limit, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
 
 
 def assert_conserves(brdf: Any, **options: Any) -> Report:

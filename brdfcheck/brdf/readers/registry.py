@@ -18,8 +18,9 @@ Modules = dict[str, ModuleType]
 class Reader:
     """A kind of file, told by the ending of its name or by what that begins with.
 
-    `load` takes the full spec, how to read it, and the Python modules loaded so far; it returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
-    `needs`: what of this package has to be installed for it; `asks`: that the options of a `Reading` are for it.
+    `load` takes the full spec, how to read it, and the Python modules loaded so far; it returns what the file holds, something
+    callable or an `AbstractFile`, and its full name. `example`: how it is named; `needs`: what of this package has to be
+    installed for it; `asks`: that the options of a `Reading` are for it.
     """
 
     name: str

@@ -165,7 +165,7 @@ class PlugInBRDF:
                 flux += self.plugin.cosine_values(light, wo * self._side * _SIDES, self._channels)
             values = np.where(lit[:, None], flux / np.where(lit, wo[:, 2], 1)[:, None], 0)
             if self._whole and self.plugin.deltas:
-                values += sum(self.plugin.delta_weight(light))[:, : self._channels] / np.pi
+                values += np.add(*self.plugin.delta_weight(light))[:, : self._channels] / np.pi
         values = values.astype(np.float32)
         return values[:, 0] if self._channels == 1 else values
 

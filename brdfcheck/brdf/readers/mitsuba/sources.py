@@ -103,7 +103,7 @@ def _of_file(path: str, identity: str | None) -> Source:
     except (OSError, ValueError, LookupError) as error:
         reason = getattr(error, "strerror", None) or one_line(error)
         raise UsageError(f"cannot read {one_line(path)!r}: {reason}") from None
-    named = {element.get("id", ""): element for element in root.iter() if element.get("id")}
+    named = {element.get("id", ""): element for element in root.iter() if element.get("id") and element.tag != "ref"}
     materials = {name: element for name, element in named.items() if element.tag == "bsdf"}
     if identity is not None:
         element = materials.get(identity)
