@@ -114,16 +114,3 @@ def test_mitsuba_takes_what_it_can_compare():
         assert not rule.takes(other)
     with pytest.raises(ValueError, match="draws at random"):
         rule(CookTorrance(0.4, masking="smith-separable"), 0.5)
-
-
-def test_the_llvm_library_is_looked_for(monkeypatch, tmp_path):
-    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    for name in ("libLLVM-14.so.1", "libLLVM-15.so"):
-        (tmp_path / name).touch()
-    monkeypatch.setattr(mitsuba_peer, "_LLVM", (str(tmp_path / "libLLVM*.so*"),))
-    assert mitsuba_peer.llvm_library() is None  # too old
-    for name in ("libLLVM-16.so.1", "libLLVM.so.19.1"):
-        (tmp_path / name).touch()
-    assert mitsuba_peer.llvm_library() == str(tmp_path / "libLLVM.so.19.1")
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "nowhere"))
-    assert mitsuba_peer.llvm_library() is None

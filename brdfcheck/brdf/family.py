@@ -26,7 +26,9 @@ class Family:
 
     `held`: parameters that `build` holds itself, so that reports can name them. `switches`: parameters that take the two ends
     of their range and nothing between. `defaults`: what parameters are where one member of the family is wanted and nothing is
-    said, by default the low ends of their ranges. Raises ValueError where a bound is not finite or an interval is empty.
+    said, by default the low ends of their ranges. `pointwise`: builds what owes reciprocity, where `build` holds more than
+    that (what is transmitted, deltas). `tolerance`: how far above 1 an albedo may lie where nothing is said; `notes`: what
+    every report on it says. Raises ValueError where a bound is not finite or an interval is empty.
     """
 
     name: str
@@ -36,6 +38,9 @@ class Family:
     held: Mapping[str, float] = field(default_factory=dict)
     switches: frozenset[str] = frozenset()
     defaults: Mapping[str, float] = field(default_factory=dict)
+    pointwise: Callable[..., Any] | None = None
+    tolerance: float = 1e-9
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, bounds in {**self.ranges, "cos_theta": self.cos_theta}.items():

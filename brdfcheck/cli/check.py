@@ -41,8 +41,13 @@ _log = logging.getLogger("brdfcheck")
 _Effort = Literal["quick", "normal", "thorough"]  # `EFFORTS` of the search, which is imported later
 
 Tolerance = Annotated[
-    float,
-    typer.Option(metavar="NUMBER", min=0, max=0.5, help="How far above 1 an albedo may lie and still conserve energy."),
+    float | None,
+    typer.Option(
+        metavar="NUMBER",
+        min=0,
+        max=0.5,
+        help="How far above 1 an albedo may lie and still conserve energy. [default: 1e-9, 1e-5 for plug-ins of Mitsuba]",
+    ),
 ]
 Rtol = Annotated[
     float | None,
@@ -71,6 +76,7 @@ Examples:
   brdfcheck check mine.py:measured --cos-theta 0.02:1 --json -
   brdfcheck check disney.brdf --over metallic=1
   brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
+  brdfcheck check mitsuba:principled --over roughness=0.1:1
 
 A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3), or of one pair (3,),
 with the normal along +z, in 1/sr; or one of angles (theta_i, phi_i, theta_o, phi_o) or
@@ -90,7 +96,8 @@ def _check(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="Catalogue names (brdfcheck list), path/to/file.py:object, or shader files: FILE.brdf, FILE.glsl:FUNCTION."
+            help="Catalogue names (brdfcheck list), path/to/file.py:object, or shader files: FILE.brdf, FILE.glsl:FUNCTION;"
+            " or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID."
             " [default: the validated catalogue]",
             show_default=False,
         ),
@@ -101,7 +108,7 @@ def _check(
     include: Include = None,
     args: Roles = None,
     returns: Returns = "brdf",
-    tolerance: Tolerance = 1e-9,
+    tolerance: Tolerance = None,
     rtol: Rtol = None,
     substring: Filter = "",
     json: Json = None,
@@ -131,6 +138,9 @@ def _check(
     with contextlib.redirect_stdout(sys.stderr):
         targets = resolve(wanted, settings["over"], cos_theta, how)
         start()  # a user's file may have changed the precision
+    if tolerance is None:  # where BRDFs differ, each report says its own
+        settings["tolerance"] = min(target.family.tolerance for target in targets)
+        settings["own_tolerances"] = len({target.family.tolerance for target in targets}) > 1
     return _run("check", targets, settings, Output(json), began, junitxml)
 
 
@@ -166,7 +176,7 @@ def _audit(
 
 
 def _settings(
-    substring: str, tolerance: float, rtol: float | None, effort: str, jobs: int | None, **own: Any
+    substring: str, tolerance: float | None, rtol: float | None, effort: str, jobs: int | None, **own: Any
 ) -> dict[str, Any]:
     """The options as they are recorded; `own`: those of `check` alone."""
     return {
@@ -174,7 +184,7 @@ def _settings(
         "filter": substring or None,
         "over": {},
         "cos_theta": None,
-        "tolerance": tolerance,
+        "tolerance": 1e-9 if tolerance is None else tolerance,
         "rtol": rtol,
         "effort": effort,
         "jobs": jobs or min(4, len(available_cores())),
@@ -270,7 +280,11 @@ def _report(target: Target, settings: Mapping[str, Any], say: Callable[[str], No
         say(f"{target.family.name}: {points} points{so_far}")
 
     began = time.perf_counter()
-    options: Any = {"tolerance": settings["tolerance"], "effort": settings["effort"]}
+    own = settings.get("own_tolerances", False)
+    options: Any = {
+        "tolerance": target.family.tolerance if own else settings["tolerance"],
+        "effort": settings["effort"],
+    }
     try:
         return check(target, rtol=settings["rtol"], watch=watch, **options)
     except (Exception, SystemExit) as error:

@@ -6,6 +6,7 @@ what a verdict rests on. For RGB families the value at a point is that of the wo
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -85,7 +86,7 @@ class PointwiseAlbedo:
         self.evaluator: Evaluator | None = None
         self.epsilon = float(jnp.finfo(float).eps)
         if self._template is None:
-            self.evaluator = Evaluator(self._build, {name: middle[name] for name in self.swept})
+            self.evaluator = Evaluator(self._with_held(family.build), {name: middle[name] for name in self.swept})
             self.engine: type[AbstractEngine] = Adaptive
             self.epsilon = self.evaluator.epsilon
             self.anisotropic = _turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
@@ -113,15 +114,23 @@ class PointwiseAlbedo:
         """What a point costs, from 0 to 3: that of the engine, and more where numpy evaluates the function."""
         return self.engine.effort + self.slow
 
-    @property
-    def _build(self) -> Callable[..., Any]:
-        family, held = self.family, self._held
+    @functools.cached_property
+    def reflection(self) -> Evaluator | None:
+        """What evaluates the part of the BRDF that owes reciprocity: `evaluator` unless the family says otherwise."""
+        if self.family.pointwise is None or self.evaluator is None:
+            return self.evaluator
+        middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in self.family.ranges.items()}
+        return Evaluator(self._with_held(self.family.pointwise), {name: middle[name] for name in self.swept})
+
+    def _with_held(self, made: Callable[..., Any]) -> Callable[..., Any]:
+        """What builds a BRDF of the parameters that run alone."""
+        held = self._held
 
         def build(**swept: Any) -> Any:
-            return family.build(**held, **swept)
+            return made(**held, **swept)
 
-        build.__name__ = getattr(family.build, "__name__", family.name)
-        return with_options_of(family.build, build)
+        build.__name__ = getattr(made, "__name__", self.family.name)
+        return with_options_of(made, build)
 
     def _abstract(self, middle: dict[str, float]) -> Any:
         """The BRDF's structure where engines 1 and 2 can take it, else None."""
@@ -358,7 +367,7 @@ class Frozen:
         parts = []
         if np.any(known):
             value, _ = self._albedo._graded(self._evaluator, parameters[known], cos_theta[known], azimuth[known], mesh)
-            parts.append((known, value, np.abs(value) * 4 * self._albedo.epsilon))
+            parts.append((known, value, np.abs(value) * _roundings(self._albedo.epsilon)))
         if not np.all(known):
             rest = parameters[~known], cos_theta[~known], azimuth[~known]
             parts.append((~known, *self._albedo._adaptive(self._evaluator, *rest, self._rtol)))
@@ -385,6 +394,11 @@ def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
         for parts in np.random.default_rng(5).uniform(0, 1, (4, len(ranges)))
     ]
     return list(dict.fromkeys([*corners(ranges, 64), *inside, *tilted]))
+
+
+def _roundings(epsilon: float) -> float:
+    """The rounding of an albedo by a fixed rule, relative: in single precision that of the directions counts too."""
+    return (16 if epsilon > 1e-10 else 4) * epsilon
 
 
 def _budget(rtol: float) -> int:

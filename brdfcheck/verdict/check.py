@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -16,6 +17,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Check, Evidence
+from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict
@@ -30,7 +32,7 @@ def check(
     target: Any,
     *,
     cos_theta: tuple[float, float] | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     rtol: float | None = None,
     intervals: bool = True,
     effort: str = "normal",
@@ -43,7 +45,7 @@ def check(
     class or a factory whose keyword parameters run over the given ranges, as in ``check(Phong, n=(1, 1000))``; a range of one
     value holds a parameter. The largest directional albedo over all parameters in the ranges and all cosines of incidence in
     `cos_theta` (by default [0, 1]; and all azimuths where the BRDF is anisotropic) is a continuous maximum with an error bar.
-    `tolerance`: how far above 1 still conserves.
+    `tolerance`: how far above 1 still conserves, by default 1e-9, for plug-ins that compute in single precision 1e-5.
     `rtol`: the accuracy of the albedo, by default the best. `intervals`: find where a violating one-parameter family
     violates. `effort`: "quick", "normal" or "thorough", how many points the search looks at; the verdicts mean the same.
     `watch` is called with the number of points looked at and the largest albedo seen so far.
@@ -51,16 +53,17 @@ def check(
     Raises ValueError for bad ranges and for unknown names (which are a KeyError, too), TypeError for something that is not a
     BRDF. A function that raises or returns nonsense is reported as a finding.
     """
-    if not (isinstance(tolerance, (int, float)) and 0 <= tolerance < 1):
+    if tolerance is not None and not (isinstance(tolerance, (int, float)) and 0 <= tolerance < 1):
         raise ValueError(f"tolerance must be a number in [0, 1); got {tolerance!r}")
     if rtol is not None and not (isinstance(rtol, (int, float)) and 0 < rtol < 1):
         raise ValueError(f"rtol must be a number between 0 and 1; got {rtol!r}")
     if effort not in EFFORTS:
         raise ValueError(f"effort must be one of {', '.join(EFFORTS)}; got {effort!r}")
     subject = as_target(target, ranges, cos_theta)
+    limit = subject.family.tolerance if tolerance is None else tolerance
     if subject.finding is not None:
-        return unusable(subject.family, subject.finding, tolerance=tolerance, effort=effort)
-    return check_family(subject.family, tolerance=tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
+        return unusable(subject.family, subject.finding, tolerance=limit, effort=effort)
+    return check_family(subject.family, tolerance=limit, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
 
 
 def assert_conserves(brdf: Any, **options: Any) -> Report:
@@ -86,7 +89,7 @@ def check_family(
     """`check` for a `Family`."""
     start = time.perf_counter()
     findings: list[str] = []
-    notes: list[str] = []
+    notes = list(family.notes)
     worst: Supremum | None = None
     evidence: Evidence | None = None
     checks: list[Check] = []
@@ -94,15 +97,20 @@ def check_family(
     try:
         albedo = PointwiseAlbedo(family)
         if albedo.evaluator is not None:
-            notes += [albedo.evaluator.note] if albedo.evaluator.note else []
+            # What reads a family says itself how it is evaluated.
+            notes += [albedo.evaluator.note] if albedo.evaluator.note and not family.notes else []
             if effort != (effort := affordable(effort, albedo)):
                 notes.append(f"the search made the effort {effort!r}, for a call for each pair is slow")
             findings += _batches(albedo)
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
-        evidence = Evidence(albedo, worst.parameters)
-        checks = [made(evidence) for made in CHECKS.values()]
+        if is_single(albedo) and np.isfinite(worst.value):
+            noise = rounding(albedo, worst.parameters, worst.cos_theta, worst.azimuth)
+            basis = "single precision" if worst.basis == "search" else worst.basis
+            worst = replace(worst, error=worst.error + noise, least=worst.least - noise, basis=basis)
+        evidence = Evidence(albedo, worst.parameters, worst.cos_theta)
+        checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
     except Finding as finding:
         _log.debug("%s", family.name, exc_info=True)
         findings.append(str(finding))

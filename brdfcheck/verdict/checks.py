@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.verdict import sampling_checks as sampling
 from brdfcheck.verdict.side_checks import SideChecks, Witness, side_checks
 
 
@@ -26,10 +27,10 @@ class Check:
 
 
 class Evidence:
-    """What checks look at: the albedo of a family, the parameters at which it is largest, and values at pairs of directions."""
+    """What checks look at: the albedo of a family, where it is largest, and values at pairs of directions."""
 
-    def __init__(self, albedo: PointwiseAlbedo, parameters: Mapping[str, float]):
-        self.albedo, self.parameters = albedo, dict(parameters)
+    def __init__(self, albedo: PointwiseAlbedo, parameters: Mapping[str, float], cos_theta: float = 1.0):
+        self.albedo, self.parameters, self.cos_theta = albedo, dict(parameters), cos_theta
 
     @cached_property
     def side(self) -> SideChecks:
@@ -81,5 +82,60 @@ def _finite(evidence: Evidence) -> Check:
     return Check("finite", side.nonfinite, False, f"not finite: {what}{kind}{evidence.where(side.broken)}")
 
 
-CHECKS: dict[str, Callable[[Evidence], Check]] = {"reciprocal": _reciprocal, "positive": _positive, "finite": _finite}
-"""By name, in the order in which reports tell them."""
+def _pdf(evidence: Evidence) -> Check | None:
+    """The density of samples integrates to at most 1, and to nothing below the surface of what is opaque."""
+    albedo = evidence.albedo
+    if sampling.sampler_of(albedo, evidence.parameters) is None:
+        return None
+    worst = (-1.0, "", 0.0, 0.0, True)
+    for place in sampling.places(albedo, evidence.parameters):
+        brdf = sampling.sampler_of(albedo, place)
+        for cosine in sampling.COSINES:
+            above, below, error = sampling.density_integrals(brdf, cosine)
+            leak = 0.0 if brdf.transmits else below  # pyright: ignore[reportOptionalMemberAccess]
+            excess = max(above + below - 1, leak) - error
+            shown = "".join(f"{name}={value:.6g}, " for name, value in place.items())
+            if not excess <= worst[0]:
+                worst = (excess, f"{shown}cosine {cosine:g}", above, below, excess <= sampling.PDF_LIMIT)
+    _, where, above, below, passed = worst
+    words = f"the integral of pdf is {above + below:.6g} at {where}: {above:.6g} above the surface and {below:.6g} below"
+    return Check("pdf", above + below, passed, words if passed else f"pdf is no density: {words}")
+
+
+def _weight(evidence: Evidence) -> Check | None:
+    """The weight of a sample is f |cos| over its density."""
+    albedo = evidence.albedo
+    if sampling.sampler_of(albedo, evidence.parameters) is None:
+        return None
+    gap, where = 0.0, ""
+    for place in sampling.places(albedo, evidence.parameters):
+        for cosine in sampling.COSINES:
+            found = sampling.weight_gap(sampling.sampler_of(albedo, place), cosine)
+            if not found <= gap:
+                shown = "".join(f"{name}={value:.6g}, " for name, value in place.items())
+                gap, where = found, f" at {shown}cosine {cosine:g}"
+    passed = gap <= sampling.WEIGHT_LIMIT
+    words = f"the weight of samples and eval / pdf differ by {gap:.2g} in the median{where}"
+    return Check("weight", gap, passed, words)
+
+
+def _sides(evidence: Evidence) -> Check | None:
+    """What a plug-in that transmits reflects and transmits on both sides: told, not judged, for the albedo holds it."""
+    brdf = sampling.sampler_of(evidence.albedo, evidence.parameters)
+    if brdf is None or not brdf.transmits:
+        return None
+    found = sampling.sides(evidence.albedo, evidence.parameters, evidence.cos_theta)
+    parts = [f"{side}: R = {reflected:.5f}, (eta_t/eta_i)^2 T = {passing:.5f}" for side, reflected, passing in found]
+    most = max(reflected + passing for _, reflected, passing in found)
+    return Check("sides", most, True, f"light {'; '.join(parts)} at cosine {evidence.cos_theta:.4g}")
+
+
+CHECKS: dict[str, Callable[[Evidence], Check | None]] = {
+    "reciprocal": _reciprocal,
+    "positive": _positive,
+    "finite": _finite,
+    "pdf": _pdf,
+    "weight": _weight,
+    "sides": _sides,
+}
+"""By name, in the order in which reports tell them. None: it has no meaning for this BRDF."""

@@ -156,16 +156,16 @@ class Confirmation:
                 inner,
                 (np.delete(place, angle) if held else place)[None],
                 radius,
-                goal=2e-11,
+                goal=self.surface.rise(2e-11),
                 rounds=12,
-                smallest=1e-9,
+                smallest=self.surface.step(1e-9),
                 mixed=None if mixed is None else mixed[None],
                 calm=1,
                 reach=_REACH,
                 check=self.check,
             )
             end = np.insert(ends.places[0], angle, place[angle]) if held else ends.places[0]
-            done = bool(ends.settled[0] or ends.radii[0] < 1e-8) and not ends.kinked[0]
+            done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8)) and not ends.kinked[0]
             gap = float(ends.known_gaps[0])
             if ends.kinked[0] and not limit:
                 gap = min(gap, self._crest(end, ends.radii[0]))
@@ -245,9 +245,9 @@ class Confirmation:
             surface.box,
             arm[None],
             _ARM,
-            goal=1e-10,
+            goal=surface.rise(1e-10),
             rounds=8,
-            smallest=1e-8,
+            smallest=surface.step(1e-8),
             calm=1,
             check=self.check,
         )

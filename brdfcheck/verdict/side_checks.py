@@ -148,7 +148,8 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding."""
     wi, wo = direction_pairs()
     parameters = _sampled_parameters(list(albedo.family.ranges.values()), [worst[name] for name in albedo.names])
-    if albedo.evaluator is None:
+    evaluator = albedo.reflection
+    if evaluator is None:
         brdfs = albedo.brdfs(parameters)
         scale: np.ndarray | float = 1.0
         if isinstance(brdfs, Normalized):  # the lobe alone, so that all its factors share one program
@@ -164,7 +165,7 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     else:
         parameters = np.unique(parameters, axis=0)
         swept = [albedo.names.index(name) for name in albedo.swept]
-        values = _function_values(albedo.evaluator, parameters[:, swept])
+        values = _function_values(evaluator, parameters[:, swept])
     with np.errstate(all="ignore"):
         both = values(np.concatenate([wi, wo]), np.concatenate([wo, wi]))
     both = both if both.ndim == 3 else both[..., None]

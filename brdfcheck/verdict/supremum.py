@@ -198,9 +198,9 @@ class _Search:
                 box,
                 places,
                 radii,
-                goal=1e-12 if surface.fast and last else 1e-10 if last else 1e-5,
+                goal=surface.rise(1e-12 if surface.fast and last else 1e-10 if last else 1e-5),
                 rounds=40 if last else 24,
-                smallest=1e-12 if surface.fast and last else 1e-8 if last else 1e-4,
+                smallest=surface.step(1e-12 if surface.fast and last else 1e-8 if last else 1e-4),
                 drop=1e-2 if level else 5e-2,
                 check=self.tell,
             )
@@ -216,12 +216,12 @@ class _Search:
                 places, radii = ends.places[keep], np.clip(3 * ends.radii[keep], 1e-3, 0.05)
         assert ends is not None
         keep = self.distinct(ends, doubt, 4)
-        best = self.winners.best + 1e-8
+        best = self.winners.best + surface.rise(1e-8)
         keep = [i for i in keep if not self.winners.is_climbed(ends.places[i]) or ends.values[i] > best]
         self.confirm.ends(ends.taken(np.array(keep, int)))
         # What the scan saw higher than the climbs ended is confirmed as it is: a jump, or a place that no model fits.
         reach = points.reach
-        higher = np.flatnonzero((points.levels == surface.finest) & (reach > self.winners.best + 1e-9))
+        higher = np.flatnonzero((points.levels == surface.finest) & (reach > self.winners.best + surface.rise(1e-9)))
         self.confirm.places(points.places[higher[np.argsort(-reach[higher])][: self.most]])
 
     @property
@@ -358,7 +358,7 @@ class _Search:
             # A place that could not be resolved, and could be higher: of those that promised most, so much was kept.
             promise = float(np.max(self.scan.points.reach[self.doubtful()], initial=-np.inf))
             upper = max(upper, winners.best + self.kept * max(promise - winners.best, 0))
-            settled &= not winners.unsettled(self.threshold)
+            settled &= not winners.unsettled(self.threshold, self.surface.rise(0.0))
         if self.bounded:  # whatever the search left open is not above 1
             upper, settled = min(upper, 1.0), True
         bar = max(upper - value, error)

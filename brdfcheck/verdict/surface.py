@@ -9,11 +9,14 @@ import numpy as np
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Function
+from brdfcheck.verdict.precision import is_single
 
 GRAZES = 0.02
 """The coordinate of the angle below which light grazes."""
 # The accuracy asked of a function that rounds, in roundings: in single precision no integral gets better.
 _ROUNDINGS = 100
+# By how many roundings of a function's values its albedo must rise to be higher.
+_ROUNDINGS_OF_A_RISE = 16
 # The accuracy of a verdict on a function: clearly below its tolerance, for many are made to reflect exactly 1.
 _VERDICT = 4e-10
 # The accuracy from which limits are extrapolated.
@@ -52,6 +55,14 @@ class Surface:
     def fast(self) -> bool:
         """True for engines 1 and 2."""
         return self.albedo.fast
+
+    def rise(self, least: float) -> float:
+        """`least`, or where a function computes in single precision what its rounding leaves to be seen of a rise."""
+        return max(least, _ROUNDINGS_OF_A_RISE * self.albedo.epsilon) if is_single(self.albedo) else least
+
+    def step(self, least: float) -> float:
+        """`least`, or there the step over which a smooth surface bends by as much as its values round."""
+        return max(least, 0.25 * self.albedo.epsilon**0.5) if is_single(self.albedo) else least
 
     @property
     def finest(self) -> int:

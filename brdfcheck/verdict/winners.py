@@ -140,8 +140,8 @@ class Winners:
         indices = np.flatnonzero(early)
         return indices[np.argsort(-reach[indices])]
 
-    def unsettled(self, line: float) -> bool:
-        """True where a climb was not finished that might yet go above the line."""
+    def unsettled(self, line: float, rounding: float = 0.0) -> bool:
+        """True where a climb was not finished that might yet go above the line. `rounding`: what all errors hold of that."""
         open_ = self.open()
         might = self.values + self.errors + np.maximum(_UNFINISHED * self.gaps, _MARGIN)
         if np.any(~self.settled[open_] & (might[open_] > line)):
@@ -149,7 +149,10 @@ class Winners:
         # What was not climbed from because it is not known well enough.
         top = self.top
         rough = self.box.dimension > 0 and np.any(self.finite) and not self.climbed[top]
-        return bool(rough and self.values[top] + _UNFINISHED * self.errors[top] > line)
+        if not rough:
+            return False
+        rounding = min(rounding, float(self.errors[top]))
+        return bool(self.values[top] + rounding + _UNFINISHED * (self.errors[top] - rounding) > line)
 
     def loose(self, rtol: float) -> np.ndarray:
         """Indices of places that are as high as the winner only by their error, and were not asked with this accuracy."""

@@ -116,7 +116,8 @@ def basis_text(report: Report) -> str:
     """What the answer rests on, in a few words: a theorem or a search, how large it was, and what it could have missed."""
     if report.basis == "none":
         return "nothing could be evaluated"
-    looked = f"{report.basis}, {count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
+    kind = "search in single precision" if report.basis == "single precision" else report.basis
+    looked = f"{kind}, {count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
     if report.basis == "theorem":
         over = "" if "angle" in report.width else " over the parameters"
         looked = f"theorem: {report.theorem}, {count_text(report.points)} points{over}"

@@ -17,12 +17,13 @@ Modules = dict[str, ModuleType]
 
 @dataclass(frozen=True)
 class Reader:
-    """A kind of file. `load` takes the full spec, how to read it, and the Python modules loaded so far.
+    """A kind of file, told by the ending of its name or by what that begins with.
 
-    It returns what the file holds, something callable or an `AbstractFile`, and its full name. `example`: how it is named;
-    `needs`: the package it needs and the extra of this package that installs it, None for the plain installation; `asks`: that
-    the options of shader files are for it; `functions`: that it reads functions, which return what ``--returns`` says;
-    `prefix`: how names begin that are for it without being those of a file.
+    `load` takes the full spec, how to read it, and the Python modules loaded so far; it returns what the file holds, something
+    callable or an `AbstractFile`, and its full name. `example`: how it is named; `needs`: the package it needs and the extra of
+    this package that installs it, None for the plain installation; `asks`: that the options of shader files are for it;
+    `functions`: that it reads functions, which return what ``--returns`` says; `prefix`: how names begin that are for it without
+    being those of a file.
     """
 
     name: str
@@ -58,6 +59,14 @@ def _materialx(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]
     return file, file.spec
 
 
+def _mitsuba(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.mitsuba.reader import PlugInFile
+
+    del reading, modules
+    file = PlugInFile(spec.partition(":")[2])
+    return file, file.spec
+
+
 READERS = (
     Reader("Python", (".py",), "mine.py:brdf", None, _python, asks=False),
     Reader("BRDF Explorer", (".brdf",), "mine.brdf", None, _shader),
@@ -74,6 +83,7 @@ READERS = (
         functions=False,
         prefix="materialx:",
     ),
+    Reader("Mitsuba", (), "mitsuba:PLUGIN", ("mitsuba", "mitsuba"), _mitsuba, asks=False, functions=False, prefix="mitsuba:"),
 )
 assert {suffix for reader in READERS for suffix in reader.suffixes} == set(SUFFIXES)
 assert {reader.prefix for reader in READERS} - {""} == set(PREFIXES)
@@ -85,7 +95,9 @@ def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
     known = (reader for reader in READERS if suffix in reader.suffixes or (reader.prefix and spec.startswith(reader.prefix)))
     reader = next(known, None)
     if reader is None:
-        kinds = "; ".join(f"{reader.name} ({', '.join(reader.suffixes)}), as {reader.example}" for reader in READERS)
+        kinds = "; ".join(
+            f"{reader.name} ({', '.join(reader.suffixes) or reader.prefix}), as {reader.example}" for reader in READERS
+        )
         what = f"files that end in {suffix!r}" if suffix else "a file without an ending"
         raise UsageError(f"{one_line(spec)!r}: there is no reader for {what}; a BRDF of your own is read from {kinds}")
     if reading.for_shaders and not reader.asks:

@@ -1,4 +1,4 @@
-"""How a BRDF in a file is named: ``path/to/FILE`` or ``path/to/FILE:OBJECT``."""
+"""How a BRDF in a file is named: ``path/to/FILE`` or ``path/to/FILE:OBJECT``; or one of another program, ``PROGRAM:NAME``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import re
 
 SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang", ".mtlx")
 """Endings of files for which there is a reader."""
-PREFIXES = ("materialx:",)
-"""Beginnings of names that stand for what a package knows, and for no file."""
+PREFIXES = ("materialx:", "mitsuba:")
+"""Beginnings of names that stand for what another program knows, and for no file."""
 # What ends like the name of a file; no name of the catalogue does.
 _ENDING = re.compile(r"\.[A-Za-z]\w{0,9}$")
 
@@ -24,8 +24,9 @@ def split_spec(spec: str) -> tuple[str, str | None]:
 
 
 def suffix_of(spec: str) -> str:
-    """The ending of the file, in lower case."""
-    return os.path.splitext(split_spec(spec)[0])[1].lower()
+    """The ending of the file, in lower case; the beginning of a name of another program."""
+    prefix = next((prefix for prefix in PREFIXES if spec.startswith(prefix)), None)
+    return prefix or os.path.splitext(split_spec(spec)[0])[1].lower()
 
 
 def is_file_spec(name: str) -> bool:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-import glob
 import math
-import os
-import re
 from typing import Any, ClassVar, final
 
 import equinox as eqx
@@ -17,43 +13,10 @@ from jaxtyping import Array, Float
 
 from _instruments.peers.peer import AbstractPeer, load, not_installed
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.brdf.readers.mitsuba.runtime import variant
 from brdfcheck.quadrature.rule import Raw, checked_count
 
-# The oldest LLVM that the llvm variants run on, and where Debian and others put its library.
-_OLDEST_LLVM = 16
-_LLVM = (
-    "/usr/lib/*/libLLVM*.so*",
-    "/usr/lib/llvm-*/lib/libLLVM*.so*",
-    "/usr/lib64/libLLVM*.so*",
-    "/usr/local/lib/libLLVM*.so*",
-)
 _LARGEST_SCALAR = 2**16
-
-
-def llvm_library() -> str | None:
-    """The path of an LLVM shared library of version 16 or newer: `$DRJIT_LIBLLVM_PATH`, else the newest one found."""
-    named = os.environ.get("DRJIT_LIBLLVM_PATH")
-    if named:
-        return named if os.path.exists(named) else None
-    found = []
-    for path in (path for pattern in _LLVM for path in glob.glob(pattern)):
-        version = re.search(r"libLLVM(?:-|\.so\.)(\d+)", os.path.basename(path))
-        if version and int(version[1]) >= _OLDEST_LLVM:
-            found.append((int(version[1]), path))
-    return max(found)[1] if found else None
-
-
-@functools.cache
-def variant() -> tuple[str, str]:
-    """The variant of Mitsuba that is used, and why. Sets it, once."""
-    mitsuba = load("mitsuba")
-    library = llvm_library()
-    if library is not None and "llvm_ad_rgb" in mitsuba.variants():
-        os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
-        mitsuba.set_variant("llvm_ad_rgb")
-        return "llvm_ad_rgb", library
-    mitsuba.set_variant("scalar_rgb")
-    return "scalar_rgb", "no LLVM shared library of version 16 or newer: apt-get install libllvm19, or set DRJIT_LIBLLVM_PATH"
 
 
 @final

@@ -1,0 +1,152 @@
+"""Where a plug-in comes from: a name, a dictionary in JSON, or an element of a scene file."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from brdfcheck.brdf.readers.mitsuba.runtime import mitsuba_module
+from brdfcheck.messages import UsageError, one_line
+
+# What Mitsuba puts before its messages: the place in its own source.
+_OWN_SOURCE = re.compile(r"\[\w+\.(?:cpp|h):\d+\]\s*")
+_NAME = re.compile(r"[A-Za-z][\w-]*")
+# How deep elements may refer to others.
+_DEEPEST = 32
+_METALS = ("conductor", "roughconductor")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A plug-in that can be loaded, perhaps several times. `spec`: its full name; `load`: with these properties besides.
+
+    `file`: where it is defined, None where that is no file; `line` there.
+    """
+
+    spec: str
+    name: str
+    load: Callable[[Mapping[str, Any]], Any]
+    file: str | None = None
+
+
+def find(words: str) -> Source:
+    """What ``NAME``, ``{...}`` or ``FILE.xml#ID`` stands for. UsageError where it is none of them, or cannot be read."""
+    spec = f"mitsuba:{words}"
+    if words.lstrip().startswith("{"):
+        return _of_json(words, spec)
+    path, _, identity = words.partition("#")
+    if path.lower().endswith(".xml"):
+        return _of_file(path, identity or None)
+    if not _NAME.fullmatch(words):
+        raise UsageError(
+            f"{one_line(spec)!r}: give the name of a plug-in, as in mitsuba:principled, an element of a scene file,"
+            ' mitsuba:FILE.xml#ID, or a dictionary, mitsuba:{"type": "principled", "roughness": 0.3}'
+        )
+    return Source(spec, words, lambda more: loaded({"type": words, **_usual(words, more), **more}, spec))
+
+
+def loaded(properties: dict[str, Any], spec: str) -> Any:
+    """The BSDF that Mitsuba makes of a dictionary. UsageError where it refuses it."""
+    return _bsdf(lambda mitsuba: mitsuba.load_dict(properties), spec)
+
+
+def _bsdf(load: Callable[[Any], Any], spec: str) -> Any:
+    mitsuba = mitsuba_module()
+    try:
+        found = load(mitsuba)
+    except Exception as error:  # whatever a plug-in throws: it is about what the user wrote
+        message = one_line(_OWN_SOURCE.sub("", str(error))).rstrip(": ")
+        raise UsageError(f"{one_line(spec)}: Mitsuba says: {message}") from None
+    if not isinstance(found, mitsuba.BSDF):
+        raise UsageError(f"{one_line(spec)}: this is a {type(found).__name__}, not a BSDF of Mitsuba")
+    return found
+
+
+def _usual(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a plug-in is where nothing is said: a metal reflects everything."""
+    fresnel = any(key in given for key in ("material", "eta", "k"))
+    return {"material": "none"} if name in _METALS and not fresnel else {}
+
+
+def _of_json(text: str, spec: str) -> Source:
+    try:
+        content = json.loads(text, parse_int=float)
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{one_line(spec)}: this is not JSON: {one_line(error)}") from None
+    kind = content.get("type") if isinstance(content, dict) else None
+    if not isinstance(kind, str) or not kind:
+        raise UsageError(f'{one_line(spec)}: the dictionary must name its plug-in, as in {{"type": "principled"}}')
+    given = {key: _property(value) for key, value in content.items()}
+    return Source(spec, kind, lambda more: loaded({**_usual(kind, given), **more, **given}, spec))
+
+
+def _property(value: Any) -> Any:
+    """Three numbers are a colour; what else there is, Mitsuba judges."""
+    if isinstance(value, list):
+        return {"type": "rgb", "value": value}
+    if isinstance(value, dict) and value.get("type") != "rgb":
+        return {key: _property(part) for key, part in value.items()}
+    return value
+
+
+def _of_file(path: str, identity: str | None) -> Source:
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise UsageError(f"{one_line(path)}: this is not XML: {one_line(error)}") from None
+    except (OSError, ValueError, LookupError) as error:
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise UsageError(f"cannot read {one_line(path)!r}: {reason}") from None
+    named = {element.get("id", ""): element for element in root.iter() if element.get("id") and element.tag != "ref"}
+    materials = {name: element for name, element in named.items() if element.tag == "bsdf"}
+    if identity is not None:
+        element = materials.get(identity)
+    else:
+        element = root if root.tag == "bsdf" else next(iter(materials.values())) if len(materials) == 1 else None
+    if element is None:
+        choices = f"it has {', '.join(map(one_line, materials))}" if materials else "it has no <bsdf> with an id"
+        what = "say which <bsdf> is meant, as in FILE.xml#ID" if identity is None else f"there is no <bsdf id={identity!r}>"
+        raise UsageError(f"{one_line(path)}: {one_line(what)}; {choices}")
+    spec = f"mitsuba:{path}" + (f"#{element.get('id')}" if element.get("id") else "")
+    whole = _resolved(element, named, path, 0)
+    whole.set("version", root.get("version", "3.0.0"))
+    text = ElementTree.tostring(whole, encoding="unicode")
+    for default in root.iter("default"):
+        text = text.replace(f"${default.get('name')}", default.get("value", ""))
+    folder = os.path.dirname(os.path.abspath(path))
+
+    def load(more: Mapping[str, Any]) -> Any:
+        del more  # what a file says holds
+
+        def of_text(mitsuba: Any) -> Any:
+            mitsuba.file_resolver().append(folder)
+            return mitsuba.load_string(text)
+
+        return _bsdf(of_text, spec)
+
+    return Source(spec, element.get("type", Path(path).stem), load, path)
+
+
+def _resolved(element: Any, named: Mapping[str, Any], path: str, depth: int) -> Any:
+    """A copy of an element in which references are what they refer to."""
+    if depth > _DEEPEST:
+        raise UsageError(f"{one_line(path)}: references go around in a circle, or are more than {_DEEPEST} deep")
+    found = ElementTree.Element(element.tag, {key: value for key, value in element.attrib.items() if key != "id"})
+    for part in element:
+        if part.tag == "ref":
+            target = named.get(part.get("id", ""))
+            if target is None:
+                raise UsageError(f"{one_line(path)}: there is nothing with the id {one_line(part.get('id', ''))!r} to refer to")
+            inner = _resolved(target, named, path, depth + 1)
+            if part.get("name"):
+                inner.set("name", part.get("name", ""))
+        else:
+            inner = _resolved(part, named, path, depth + 1)
+        found.append(inner)
+    return found
