@@ -81,7 +81,6 @@ def picture(path: Path) -> np.ndarray:
         ("mine.py:Matt", ("--set", "k=0.5")),
         ("mine.py:rendered", ("--returns", "brdf*cos")),
         ("lobe.glsl:f", OPTIONS),
-        ("phong", ("--set", "n=20")),
     ],
 )
 def test_a_sphere_and_a_furnace_of_any_brdf(run: Run, files: Path, name: str, options: tuple[str, ...]) -> None:
