@@ -26,6 +26,7 @@ from brdfcheck.brdf.readers.glsl.kinds import BOOL, FLOAT, INT, Type, Vector
 from brdfcheck.brdf.readers.glsl.knobs import Knob, names_of
 from brdfcheck.brdf.readers.glsl.preprocessor import read_text
 from brdfcheck.brdf.readers.glsl.shader import Made, ShaderFile
+from brdfcheck.brdf.readers.specs import PREFIXES, split_spec
 from brdfcheck.messages import UsageError, one_line
 
 # Compiled modules, of which no type checker knows what is in them.
@@ -33,7 +34,6 @@ mx: Any = import_module("MaterialX")
 glsl: Any = import_module("MaterialX.PyMaterialXGenGlsl")
 shadergen: Any = import_module("MaterialX.PyMaterialXGenShader")
 
-PREFIX = "materialx:"
 _SURFACE = "surfaceshader"
 _TYPES: dict[str, Type] = {
     "float": FLOAT,
@@ -84,12 +84,12 @@ class MaterialXFile(AbstractFile):
     """
 
     def __init__(self, spec: str):
-        if spec.startswith(PREFIX):
+        if spec.startswith(PREFIXES):
             self._document, node = _alone(spec)
             self.path, self.files = spec, ()
             self._spec = spec
         else:
-            path, asked = (spec, None) if spec.lower().endswith(".mtlx") else spec.rpartition(":")[::2]
+            path, asked = split_spec(spec)
             self.path, self.files = path, (path,)
             self._document = _read(path)
             node = _chosen(self._document, asked, path)
@@ -270,6 +270,11 @@ def _as_brdf(text: str, spec: str, hidden: Iterable[str], fields: Iterable[tuple
         (r"^in (?=VertexData$)", f"{twosided}struct "),
         (r"^out (?=vec4 \w+;$)", ""),
         (r"(?<=makeClosureData\()CLOSURE_TYPE_(?:INDIRECT|EMISSION|TRANSMISSION)(?=,)", "CLOSURE_TYPE_DEFAULT"),
+        # So that the compiler leaves out what a mix turns off: a subsurface layer is a loop.
+        (
+            r"result\.response = in1\.response \* weight;",
+            "result.response = vec3(0.0); if (weight > 0.0) result.response = in1.response * weight;",
+        ),
         # Of a plane, which has no curvature.
         (r"length\(fwidth\(N\)\) / length\(fwidth\(P\)\)", "0.0"),
         (r"^int numActiveLightSources(?=\(\)$)", "int unusedCount"),
@@ -331,7 +336,7 @@ def _generated_by(library: Any) -> tuple[Any, Any]:
 
 def _alone(spec: str) -> tuple[Any, Any]:
     """A document that holds one surface of MaterialX, and it."""
-    name = spec.removeprefix(PREFIX)
+    name = spec.partition(":")[2]
     known = _surfaces()
     if name not in known:
         raise UsageError(
