@@ -119,6 +119,7 @@ def test_what_is_transmitted_counts(below):
 
 
 @needs_mitsuba
+@pytest.mark.slow
 def test_both_sides_are_told():
     family = load("mitsuba:dielectric")
     assert family.switches == {"below"}
@@ -129,6 +130,7 @@ def test_both_sides_are_told():
 
 
 @needs_mitsuba
+@pytest.mark.slow
 def test_the_density_of_rough_plastic_leaks():
     evidence = Evidence(
         PointwiseAlbedo(load("mitsuba:roughplastic", alpha=(0.6, 0.6))), {"alpha": 0.6, "diffuse_reflectance": 1.0}
