@@ -22,8 +22,8 @@ class Reader:
     `load` takes the full spec, how to read it, and the Python modules loaded so far; it returns what the file holds, something
     callable or an `AbstractFile`, and its full name. `example`: how it is named; `needs`: the package it needs and the extra of
     this package that installs it, None for the plain installation; `asks`: that the options of shader files are for it;
-    `functions`: that it reads functions, which return what ``--returns`` says; `prefix`: how names begin that are for it without
-    being those of a file.
+    `functions`: that it reads functions, which return what ``--returns`` says; `prefix`: how names begin that are for it and
+    are not those of a file.
     """
 
     name: str
