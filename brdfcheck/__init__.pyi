@@ -5,6 +5,7 @@ from . import lobes as lobes
 from . import microfacet as microfacet
 from . import output as output
 from . import plots as plots
+from . import proof as proof
 from . import quadrature as quadrature
 from . import scene as scene
 from . import sweep as sweep
@@ -33,6 +34,9 @@ from .budgets.measure import budget as budget
 from .fits.factor import FactorFit as FactorFit
 from .fits.factor import fit_factor as fit_factor
 from .fits.ladder import factor_ladder as factor_ladder
+from .proof.certificate import Certificate as Certificate
+from .proof.certify import certify as certify
+from .proof.cover import NotProved as NotProved
 from .quadrature.albedo import Albedo as Albedo
 from .quadrature.albedo import albedo as albedo
 from .quadrature.tables import albedo_table as albedo_table

@@ -60,7 +60,13 @@ def find() -> dict[str, Study]:
     """All studies by name, in the order of the alphabet. Nothing is imported."""
     place = folder()
     paths = sorted(place.glob("*.py")) if place is not None else []
-    return {path.stem: _described(path) for path in paths if not path.stem.startswith("_")}
+    return {path.stem: _described(path) for path in paths if not path.stem.startswith("_") and _is_study(path)}
+
+
+def _is_study(path: Path) -> bool:
+    """False for a tool that stands alone, with none of a study's functions."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return any(isinstance(line, ast.FunctionDef) and line.name in ("run", "plot", "summary") for line in tree.body)
 
 
 def _described(path: Path) -> Study:

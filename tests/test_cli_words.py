@@ -21,14 +21,14 @@ from brdfcheck.cli import ExitCode, words
 from brdfcheck.messages import UsageError
 
 ROOT = Path(brdfcheck.__file__).parent.parent
-COMMANDS = ("check", "audit", "fit", "plot", "sweep", "render", "budget", "study", "list")
+COMMANDS = ("check", "audit", "certify", "fit", "plot", "sweep", "render", "budget", "study", "list")
 
 Run = Callable[..., tuple[int, str, str]]
 
 # --- what is wrong, command by command ---
 
 BAD = {
-    "": [("", "no command given; the commands are check, audit, fit"), ("chekc", "'chekc'"), ("--frobnicate", "--frobnicate")],
+    "": [("", "no command given; the commands are check, audit, certify, fit"), ("chekc", "'chekc'"), ("--frobnicate", "--frobnicate")],
     "check": [
         ("--frobnicate", "--frobnicate"),
         ("--over", "Option '--over' requires an argument (see brdfcheck check --help)"),
@@ -64,6 +64,12 @@ BAD = {
     ],
     "audit": [("--effort quik", "--effort: 'quik'"), ("--json absent/out.json", "does not exist"), ("phong", "phong")],
     "list": [("--json absent/out.json", "does not exist"), ("phong", "phong")],
+    "certify": [
+        ("", "give a BRDF to certify, or --verify FILE, but not both"),
+        ("fong", "unknown BRDF 'fong'; did you mean phong"),
+        ("phong --over n=1:inf:inf", "--over: n=1:inf: must be finite; got inf"),
+        ("phong --over n=inf:inf", "--over: n=inf: must be finite; got inf"),
+    ],
     "fit": [
         ("", "Missing argument 'NAME'"),
         ("lambert", "lambert has no exponent n to normalise over; it has reflectance"),

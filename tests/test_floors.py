@@ -27,6 +27,7 @@ GROUND = {
 FLOORS = [
     GROUND,
     {"brdf"},
+    {"proof"},
     {"quadrature"},
     {"verdict"},
     {"fits"},

@@ -116,6 +116,14 @@ def setting(text: str) -> Setting | Components:
         raise BadParameter(f"{one_line(text)}: {error.message}") from None
 
 
+def open_setting(text: str) -> Setting | Components:
+    """A `setting` whose upper end may be ``inf``. BadParameter otherwise."""
+    if not text.endswith(":inf"):
+        return setting(text)
+    name, (low, _) = setting(text.removesuffix(":inf"))
+    return Setting(name, Interval(low, math.inf))
+
+
 def together(settings: Iterable[Setting | Components] | None) -> dict[str, Interval]:
     """The parameters and their ranges; a vector by its components. UsageError where one is given twice."""
     ranges: dict[str, Interval] = {}

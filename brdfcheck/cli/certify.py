@@ -1,0 +1,116 @@
+"""``brdfcheck certify``: a proof that a BRDF conserves energy, or that it does not, as a certificate that anyone can check."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import Annotated
+
+import typer
+
+from brdfcheck.cli import words
+from brdfcheck.cli.app import Debug, ExitCode, asked, command, start
+from brdfcheck.cli.output import Output
+from brdfcheck.messages import UsageError, one_line
+
+
+@command(
+    "certify",
+    epilog="""\b
+Examples:
+  brdfcheck certify binomial-power-half -o certificate.json
+  brdfcheck certify blinn-phong-6 --over n=0:inf
+  brdfcheck certify binomial-power-published
+  brdfcheck certify mine.py:glossy --over n=1:1000
+  brdfcheck certify --verify certificate.json
+
+Proofs are of formulas that the package knows: its lobes with a factor (n+A)/B, a constant
+or an exact one, and its facets. A BRDF of your own is one that makes these from its
+parameter. The theorems are in docs/proofs.md, with their proofs.
+
+\b
+Exit codes:
+  0  proved: it conserves energy, or the    2  interrupted
+     certificate holds                      3  internal error
+  1  proved: it does not; or no proof       4  usage error
+     was found; or the certificate
+     does not hold""",
+)
+def _certify(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME", help="A catalogue name or path/to/file.py:object.", show_default=False),
+    ] = None,
+    over: Annotated[
+        list[words.Setting] | None,
+        typer.Option(
+            "--over",
+            metavar="NAME=LO:HI",
+            parser=words.open_setting,
+            help="Let a parameter run over a range, whose upper end may be inf, or hold it with NAME=VALUE. Repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            parser=words.file(stdout=True),
+            help='Write the certificate as JSON; "-" writes it to standard output.',
+        ),
+    ] = None,
+    check: Annotated[
+        str | None, typer.Option("--verify", metavar="FILE", help="Check a certificate again, instead of making one.")
+    ] = None,
+    debug: Debug = False,
+) -> int:
+    """A proof that a BRDF conserves energy, or that it does not.
+
+    In exact arithmetic, for every value of the range and every angle of incidence; nothing is sampled. Where the law is broken,
+    the certificate has a point at which the albedo lies above 1, and the intervals of violation with their ends.
+    """
+    if (name is None) == (check is None):
+        raise UsageError("give a BRDF to certify, or --verify FILE, but not both")
+    if check is not None:
+        if over or out:
+            raise UsageError("--verify takes nothing but the certificate")
+        return _verified(check)
+    output = Output(alone=out == "-")
+    start()
+    from brdfcheck.proof.certify import certify
+    from brdfcheck.proof.cover import NotProved
+
+    certificate, trouble = None, None
+    with contextlib.redirect_stdout(sys.stderr), asked():
+        try:
+            certificate = certify(str(name), **words.together(over))
+        except NotProved as error:
+            trouble = error
+    if certificate is None:
+        output.line(f"{name}  UNDECIDED: {trouble}")
+        return ExitCode.FAILED
+    output.line(f"{name}  {certificate}")
+    if out is not None:
+        output.save(out, certificate.to_json(), "--out")
+    return ExitCode.PASSED if certificate else ExitCode.FAILED
+
+
+def _verified(path: str) -> int:
+    """Check the certificate in a file."""
+    output = Output()
+    from brdfcheck.proof.verify import Rejected, read, verify
+
+    try:
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--verify: cannot read {one_line(path)!r}: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        certificate = read(text)
+        verify(certificate)
+    except Rejected as error:
+        output.line(f"{path}  REJECTED: {error}")
+        return ExitCode.FAILED
+    output.line(f"{path}  VERIFIED  {certificate}")
+    return ExitCode.PASSED

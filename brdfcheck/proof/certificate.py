@@ -1,0 +1,139 @@
+"""What is proved, as a small document that anyone can check again: `Certificate`, its words and its JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from brdfcheck import __version__
+from brdfcheck.proof.cover import ABOVE, BELOW, Claim, Piece, written
+from brdfcheck.proof.intervals import Number, lower, upper
+from brdfcheck.proof.lobes import Profile
+
+SCHEMA = "brdfcheck-certificate"
+SCHEMA_VERSION = 1
+CONSERVES, VIOLATES = "CONSERVES", "VIOLATES"
+_DIGITS = 30
+_BOXES = ["normal incidence", "convex in n"]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A proof that a family of BRDFs conserves energy, or that it does not. True where it conserves.
+
+    `record` is all of it, ready for strict JSON: schema, verdict, statement in words, formula, range, theorems used, boxes as
+    exact numbers, versions. ``proof.verify`` checks it again from the numbers alone.
+    """
+
+    record: Mapping[str, Any]
+
+    @property
+    def verdict(self) -> str:
+        """CONSERVES or VIOLATES."""
+        return self.record["verdict"]
+
+    @property
+    def statement(self) -> str:
+        """What is proved, in words."""
+        return self.record["statement"]
+
+    def __bool__(self) -> bool:
+        return self.verdict == CONSERVES
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: {self.statement}"
+
+    def to_json(self) -> str:
+        """The certificate as JSON text."""
+        return json.dumps(self.record, indent=1, allow_nan=False) + "\n"
+
+
+def document(verdict: str, statement: str, **content: Any) -> Certificate:
+    """A certificate with its schema and versions."""
+    head = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION, "verdict": verdict, "statement": statement}
+    return Certificate({**head, **content, "versions": {"brdfcheck": __version__, "python": platform.python_version()}})
+
+
+def bound(value: Fraction | None) -> str:
+    """The end of a range as text; None is infinite."""
+    return "inf" if value is None else written(value)
+
+
+def conserving(claim: Claim, parameter: str, low: Fraction, high: Fraction | None, pieces: Sequence[Piece]) -> Certificate:
+    """The certificate of a lobe whose one piece lies below 1."""
+    return _boxes(claim, parameter, (low, high), pieces, None)
+
+
+def violating(
+    claim: Claim, parameter: str, low: Fraction, high: Fraction | None, pieces: Sequence[Piece], point: Fraction
+) -> Certificate:
+    """The certificate of a lobe that exceeds 1 at `point`; `pieces`: where else it is above or below."""
+    # Where a lobe rises with its angle, normal incidence says nothing of other angles.
+    limit = claim.profile.falls_until()
+    known = [piece for piece in pieces if piece.side == ABOVE or limit == math.inf or piece.nodes[-1] <= limit]
+    return _boxes(claim, parameter, (low, high), known, point)
+
+
+def _boxes(
+    claim: Claim,
+    parameter: str,
+    ends: tuple[Fraction, Fraction | None],
+    pieces: Sequence[Piece],
+    point: Fraction | None,
+) -> Certificate:
+    """The certificate of a lobe with a factor; `point`: where the albedo exceeds 1."""
+    brdf = f"{claim.factor.formula} {claim.profile.formula}" if claim.profile.formula else "reflectance/pi"
+    parts, more = [], {}
+    if point is not None:
+        least, most = decimals(claim.albedo(point))
+        parts = [f"in [{least}, {most}] for {parameter} = {written(point)} at normal incidence"]
+        more = {"point": {parameter: written(point), "albedo": [least, most]}}
+    for piece in pieces:
+        last = ends[1] if piece.onwards else piece.nodes[-1]
+        place = {BELOW: "every angle of incidence", ABOVE: "normal incidence"}[piece.side]
+        parts.append(f"{piece.side} for every {parameter} from {written(piece.nodes[0])} to {bound(last)} at {place}")
+    return document(
+        CONSERVES if point is None else VIOLATES,
+        f"The directional albedo of {brdf} is {'; it is '.join(parts)}.",
+        formula=brdf,
+        lobe=claim.profile.record,
+        factor=claim.factor.record,
+        range={parameter: [written(ends[0]), bound(ends[1])]},
+        theorems=["normal incidence", "convex in n"],
+        **more,
+        cover=cover_record(pieces),
+    )
+
+
+def reciprocal(profile: Profile, parameter: str, low: Fraction, high: Fraction | None) -> Certificate:
+    """The certificate of a lobe over its own albedo at normal incidence."""
+    brdf = f"{profile.formula}, divided by its albedo at normal incidence,"
+    return document(
+        CONSERVES,
+        f"The directional albedo of {brdf} is at most 1 for every {parameter} from {written(low)} to {bound(high)} at every"
+        " angle of incidence, and 1 at normal incidence.",
+        formula=brdf,
+        lobe=profile.record,
+        factor="reciprocal of the albedo",
+        range={parameter: [written(low), bound(high)]},
+        theorems=["normal incidence"],
+    )
+
+
+def decimals(value: Number) -> tuple[str, str]:
+    """Two decimal numbers of 30 places around an exact or enclosed one."""
+    scale = 10**_DIGITS
+    low, high = lower(value) * scale // 1, -(-upper(value) * scale // 1)
+    return written(Fraction(low, scale)), written(Fraction(high, scale))
+
+
+def cover_record(pieces: Sequence[Piece]) -> list[dict[str, Any]]:
+    """The boxes of a proof in a certificate."""
+    return [
+        {"albedo": piece.side, "nodes": [written(node) for node in piece.nodes], "onwards": piece.onwards} for piece in pieces
+    ]

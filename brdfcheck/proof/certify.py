@@ -1,0 +1,95 @@
+"""From whatever names a BRDF to a certificate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.subject import as_target
+from brdfcheck.messages import UsageError
+from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
+from brdfcheck.proof.cover import ABOVE, Claim, NotProved, cover, peak, written
+from brdfcheck.proof.reading import Lobe, built, exact, lobe_of
+
+_FIRST_PART = 1000
+Ends = tuple[Fraction, Fraction | None]
+
+
+def certify(target: Any, **ranges: Any) -> Certificate:
+    """A proof that a BRDF, or every member of a family, conserves energy; or that it does not.
+
+    `target` as for `brdfcheck.check`: a catalogue name, ``file.py:object``, a family, a BRDF, a class; what it makes must be a
+    lobe or facets of this package. `ranges`: closed intervals of its parameters, ``n=(1, 1000)``; the upper end may be
+    infinite, ``n=(0, math.inf)``. Numbers are the decimals that they are written as.
+
+    Raises UsageError (a ValueError) for unknown names, bad ranges and for what is no formula that the proofs know;
+    NotProved (a ValueError) where there is neither a proof nor a counterexample, or where a theorem's premise fails.
+    """
+    finite = {name: _finite(name, bounds) for name, bounds in ranges.items()}
+    subject = as_target(target, finite)
+    if subject.finding is not None:
+        raise UsageError(subject.finding)
+    return certify_family(subject.family, {name: bounds for name, bounds in ranges.items() if name in finite})
+
+
+def _finite(name: str, bounds: Any) -> Any:
+    """The bounds, with a finite upper end in place of an infinite one."""
+    try:
+        low, high = bounds
+        unbounded = high == math.inf
+    except (TypeError, ValueError):
+        return bounds  # whoever reads ranges says what is wrong
+    return (low, low) if unbounded else bounds
+
+
+def certify_family(family: Family, ranges: Mapping[str, Any] | None = None) -> Certificate:
+    """`certify` for a `Family`; `ranges` in place of its own."""
+    brdf = built(family)
+    ends: dict[str, Ends] = {}
+    for name, (low, high) in family.ranges.items():
+        low, high = (ranges or {}).get(name, (low, high))
+        ends[name] = exact(low, name), None if high == math.inf else exact(high, name)
+    if len(ends) > 1:
+        raise UsageError(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
+    parameter = next(iter(ends), "n")
+    lobe = lobe_of(brdf, family.name, parameter)
+    if not ends:
+        value = exact(getattr(brdf.core, "n", getattr(brdf.core, "reflectance", 0)), parameter)
+        ends[parameter] = value, value
+    return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1)
+
+
+def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool) -> Certificate:
+    """The certificate of a lobe. `normal`: normal incidence is one of the angles asked about."""
+    if low < 0:
+        raise UsageError(f"{lobe.parameter} must be >= 0; got {written(low)}")
+    monotone = lobe.profile.falls_until() >= (math.inf if high is None else high)
+    if lobe.factor is None:
+        if not monotone:
+            raise NotProved(_rises(lobe))
+        return reciprocal(lobe.profile, lobe.parameter, low, high)
+    claim = Claim(lobe.profile, lobe.factor)
+    try:
+        pieces = cover(claim, low, high)
+    except NotProved:
+        # For a violation a part of an unbounded range is enough.
+        pieces = cover(claim, low, max(2 * low, Fraction(_FIRST_PART))) if high is None else []
+        if not any(piece.side == ABOVE for piece in pieces):
+            raise
+    if any(piece.side == ABOVE for piece in pieces):
+        if not normal:
+            raise NotProved("it exceeds 1 at normal incidence, which the range of cos_theta leaves out")
+        return violating(claim, lobe.parameter, low, high, pieces, peak(claim, pieces))
+    if not monotone:
+        raise NotProved(_rises(lobe))
+    return conserving(claim, lobe.parameter, low, high, pieces)
+
+
+def _rises(lobe: Lobe) -> str:
+    return (
+        f"the theorem on normal incidence does not apply: {lobe.profile.formula} rises with its angle past its first zero"
+        f" for n > {lobe.profile.falls_until():g}"
+    )

@@ -1,0 +1,153 @@
+"""From a family of BRDFs to what can be proved of it: which formula it is, and its constants as exact numbers.
+
+Nothing is sampled. The family is built from a symbol in place of its parameter, so that it is seen whether the parameter goes
+into the lobe as it is and whether all else is constant. Constants are the decimals that they are written as (7.2427 is
+72427/10000); one that is the nearest floating-point number to a whole multiple of pi, up to 64 pi, is that multiple.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.exact_factors import SchlickExact, TruncatedPowerExact
+from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, Normalized, PhongExact, Proportional
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
+from brdfcheck.messages import UsageError, one_line
+from brdfcheck.proof.cover import LinearFactor
+from brdfcheck.proof.lobes import Constant as ConstantProfile
+from brdfcheck.proof.lobes import Power, Profile, Rational, TruncatedPower
+
+_MOST_PI = 64
+# What JAX makes of a number that goes somewhere as it is.
+_UNCHANGED = frozenset(("convert_element_type", "copy", "copy_p", "device_put"))
+_KNOWN = (
+    "Lambert, Phong, BlinnPhong, Schlick, Lyon and BinomialPower with a factor (n+A)/B, a constant or an exact one, and"
+    " CookTorrance and GGX"
+)
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """A lobe with its factor, over a parameter of this name. `factor`: None for the reciprocal of the albedo."""
+
+    profile: Profile
+    factor: LinearFactor | None
+    parameter: str
+
+
+def built(family: Family) -> Any:
+    """What the family makes, with symbols in its core in place of its parameters.
+
+    UsageError where its factory needs numbers, where what it makes is no BRDF of this package, where a parameter does not go
+    into the core as it is, or where anything else depends on it.
+    """
+    names = tuple(family.ranges)
+    values = [np.float32(1.0 if low <= 1 <= high else low) for low, high in family.ranges.values()]
+
+    def build(*numbers: Any) -> Any:
+        return family.build(**dict(zip(names, numbers, strict=True)))
+
+    made: list[Any] = []
+
+    def fields(*numbers: Any) -> list[Any]:
+        brdf = build(*numbers)
+        if not isinstance(brdf, AbstractBRDF) or not isinstance(brdf.core, AbstractBRDF):
+            raise UsageError(f"{family.name} is no formula that certify knows; it knows {_KNOWN}")
+        made.append(brdf)
+        return [getattr(brdf.core, name, 0.0) for name in names]
+
+    if not names:
+        fields()
+        return made[-1]
+    try:
+        jaxpr = jax.make_jaxpr(fields)(*values).jaxpr
+        made.clear()
+        jax.jvp(fields, tuple(values), tuple(np.ones_like(value) for value in values))  # symbols, but constants are numbers
+    except UsageError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise UsageError(f"{family.name} cannot be built from a symbol: {one_line(error).partition('. ')[0]}") from None
+    brdf = made[-1]
+    makers = {variable: equation for equation in jaxpr.eqns for variable in equation.outvars}
+    for name, variable, source in zip(names, jaxpr.outvars, jaxpr.invars, strict=True):
+        while variable is not source:
+            maker = makers.get(variable) if not hasattr(variable, "val") else None
+            floating = maker is not None and np.issubdtype(variable.aval.dtype, np.floating)
+            if maker is None or not floating or maker.primitive.name not in _UNCHANGED:
+                raise UsageError(f"{family.name}: {name} does not go into {type(brdf.core).__name__} as it is")
+            variable = maker.invars[0]
+    constant = [leaf for leaf in jax.tree.leaves(brdf) if not isinstance(leaf, Tracer)]
+    if len(constant) + len(names) != len(jax.tree.leaves(brdf)):
+        raise UsageError(f"{family.name}: something beside {', '.join(names)} depends on {', '.join(names)}")
+    return brdf
+
+
+def exact(value: Any, name: str) -> Fraction:
+    """A number as the decimals that it is written as. UsageError where it is not one finite number."""
+    array = np.asarray(value)
+    if array.ndim or not np.isfinite(array):
+        raise UsageError(f"{name} must be one finite number; got {one_line(array)}")
+    return Fraction(str(array[()]))
+
+
+def multiple_of_pi(value: Any, name: str) -> tuple[Fraction, int]:
+    """(divisor, power of pi) of a number: a whole multiple of pi, or a rational number."""
+    array = np.asarray(value)
+    for whole in range(1, _MOST_PI + 1):
+        if array.ndim == 0 and array == array.dtype.type(whole * np.pi):
+            return Fraction(whole), 1
+    return exact(value, name), 0
+
+
+def lobe_of(brdf: Any, name: str, parameter: str) -> Lobe:
+    """A lobe of this package, perhaps with a factor, as the proofs know it. UsageError for anything else."""
+    core, factor = (brdf.lobe, brdf.factor) if type(brdf) is Normalized else (brdf, None)
+    if type(core) is Lambert:
+        return Lobe(ConstantProfile("half"), LinearFactor(Fraction(0), power=1), parameter)
+    profile = _profile(core)
+    if profile is None:
+        raise UsageError(f"{name}: {type(core).__name__} is no lobe that certify knows; it knows {_KNOWN}")
+    return Lobe(profile, _factor(factor, profile, name), parameter)
+
+
+def _profile(core: Any) -> Profile | None:
+    # The very classes: of a class derived from one of them the formula is not known.
+    if type(core) in (Phong, BlinnPhong):
+        return Power(core.form)
+    if type(core) is Schlick:
+        return Rational(core.form)
+    if type(core) is Lyon:
+        return TruncatedPower(core.form, 2**core.w)
+    if type(core) is BinomialPower:
+        return TruncatedPower(core.form, core.k, core.clamped)
+    return None
+
+
+def _factor(factor: Any, profile: Profile, name: str) -> LinearFactor | None:
+    if factor is None:
+        return LinearFactor(Fraction(1), constant=True)
+    if type(factor) is PhongExact:
+        return LinearFactor(Fraction(2), Fraction(2), 1)
+    if type(factor) in (Factor, Proportional):
+        divisor, power = multiple_of_pi(factor.B, "B")
+        if divisor <= 0:
+            raise UsageError(f"{name}: B must be > 0 for a proof; got {one_line(np.asarray(factor.B))}")
+        return LinearFactor(exact(factor.A, "A") if type(factor) is Factor else Fraction(0), divisor, power)
+    if type(factor) is Constant:
+        return LinearFactor(exact(factor.value, "the constant"), constant=True)
+    reciprocal = {
+        BlinnPhongExact: lambda: profile == Power("half"),
+        SchlickExact: lambda: profile == Rational(factor.form),
+        TruncatedPowerExact: lambda: profile == TruncatedPower(factor.form, factor.k, factor.clamped),
+    }.get(type(factor))
+    if reciprocal is None or not reciprocal():
+        raise UsageError(f"{name}: {type(factor).__name__} is no factor that certify knows for this lobe; it knows {_KNOWN}")
+    return None

@@ -1,0 +1,93 @@
+"""A certificate checked again: its boxes one by one, and everything else made anew from its numbers and compared."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from brdfcheck.messages import one_line
+from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
+from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
+from brdfcheck.proof.lobes import KINDS, Profile
+
+
+class Rejected(ValueError):
+    """A certificate that does not prove what it states. One line that says why."""
+
+
+def read(text: str) -> Certificate:
+    """The certificate in a JSON text. Rejected where it is none."""
+    try:
+        record = json.loads(text)
+    except ValueError as error:
+        raise Rejected(f"it is not JSON: {one_line(error)}") from None
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise Rejected(f"it is not a certificate: its schema is not {SCHEMA!r}")
+    if record.get("schema_version") != SCHEMA_VERSION:
+        raise Rejected(f"its schema version must be {SCHEMA_VERSION}; got {one_line(record.get('schema_version'))}")
+    return Certificate(record)
+
+
+def verify(certificate: Certificate) -> None:
+    """Check a certificate again, believing nothing in it but its versions. Rejected where it does not prove its statement."""
+    record = certificate.record
+    try:
+        again = _proved(record)
+    except Rejected:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise Rejected(f"it is damaged: {type(error).__name__}: {one_line(error)}") from None
+    for key in dict.fromkeys((*record, *again.record)):
+        if key != "versions" and record.get(key) != again.record.get(key):
+            raise Rejected(f"{key} is not what its numbers prove: {one_line(again.record.get(key))}")
+
+
+def _proved(record: Mapping[str, Any]) -> Certificate:
+    """The certificate that the numbers of this one prove. Rejected where they prove none."""
+    ((parameter, (first, last)),) = record["range"].items()
+    low, high = Fraction(first), None if last == "inf" else Fraction(last)
+    if low < 0 or (high is not None and high < low):
+        raise Rejected(f"{parameter} must run over numbers >= 0, from the lower to the upper end; got {first} to {last}")
+    lobe = dict(record["lobe"])
+    profile: Profile = KINDS[lobe.pop("kind")](**lobe)
+    if (parameter == "reflectance") != (profile.record["kind"] == "constant") or parameter not in ("reflectance", "n"):
+        raise Rejected(f"{one_line(parameter)} is not the parameter of this lobe")
+    if record["verdict"] == CONSERVES and profile.falls_until() < (float("inf") if high is None else high):
+        raise Rejected("the lobe rises with its angle: the theorem on normal incidence does not apply")
+    if isinstance(record["factor"], str):
+        return reciprocal(profile, parameter, low, high)
+    claim = Claim(profile, LinearFactor.of(record["factor"]))
+    if profile.record["kind"] == "constant" and claim.factor != LinearFactor(Fraction(0), power=1):
+        raise Rejected("the factor of Lambert's lobe is the reflectance over pi")
+    pieces = [
+        Piece(part["albedo"], tuple(Fraction(node) for node in part["nodes"]), part["onwards"]) for part in record["cover"]
+    ]
+    for piece in pieces:
+        _check(claim, piece, low, high)
+    if record["verdict"] != CONSERVES:
+        point = Fraction(record["point"][parameter])
+        if not low <= point or (high is not None and point > high) or claim.side(point) != ABOVE:
+            raise Rejected(f"at {parameter} = {point} the albedo is not above 1, or {parameter} is out of range")
+        return violating(claim, parameter, low, high, pieces, point)
+    (piece,) = pieces
+    if piece.side != BELOW or piece.nodes[0] != low or not (piece.onwards or piece.nodes[-1] == high):
+        raise Rejected("its boxes do not cover the range")
+    return conserving(claim, parameter, low, high, pieces)
+
+
+def _check(claim: Claim, piece: Piece, low: Fraction, high: Fraction | None) -> None:
+    """Rejected where the albedo is not shown to be on the piece's side of 1."""
+    nodes = piece.nodes
+    if piece.side not in (BELOW, ABOVE):
+        raise Rejected(f"an albedo is {BELOW} or {ABOVE}; got {one_line(piece.side)}")
+    if low > nodes[0] or (high is not None and nodes[-1] > high and not piece.onwards):
+        raise Rejected(f"its boxes leave the range at {nodes[0]} or {nodes[-1]}")
+    test = claim.below if piece.side == BELOW else claim.above
+    boxes = list(itertools.pairwise(nodes))
+    if claim.side(nodes[0]) != piece.side or not all(a < b and test(a, b) for a, b in boxes):
+        raise Rejected(f"the albedo is not shown to be {piece.side} on all boxes from {nodes[0]} to {nodes[-1]}")
+    if piece.onwards and (piece.side == ABOVE or not claim.onwards(nodes[-1])):
+        raise Rejected(f"the albedo is not shown to be {piece.side} from {nodes[-1]} on")
