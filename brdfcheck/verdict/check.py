@@ -15,6 +15,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Check, Evidence
+from brdfcheck.verdict.measured import Doubt, doubted
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict
@@ -88,6 +89,7 @@ def check_family(
     evidence: Evidence | None = None
     checks: list[Check] = []
     albedo: PointwiseAlbedo | None = None
+    doubt: Doubt | None = None
     try:
         albedo = PointwiseAlbedo(family)
         if albedo.slow:
@@ -97,6 +99,10 @@ def check_family(
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
+        if albedo.table is not None:
+            worst, doubt = doubted(albedo, albedo.table, worst)
+            findings += doubt.findings
+            notes += doubt.notes
         evidence = Evidence(albedo, worst.parameters)
         checks = [made(evidence) for made in CHECKS.values()]
     except Finding as finding:
@@ -108,7 +114,8 @@ def check_family(
         findings.append("the albedo is not a number where the BRDF is not finite")
     verdict = Verdict.UNDECIDED
     if worst is not None:
-        verdict = judge(worst.value, worst.error, tolerance, least=worst.least, settled=worst.settled)
+        error = worst.error if doubt is None else max(worst.error, doubt.most - worst.value)
+        verdict = judge(worst.value, error, tolerance, least=worst.least, settled=worst.settled)
         if verdict is Verdict.CONSERVES and worst.value < -worst.error:
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
     if verdict is Verdict.UNDECIDED and worst is not None:
@@ -122,6 +129,7 @@ def check_family(
         worst,
         side,
         albedo,
+        doubt=doubt,
         checks=tuple(checks),
         findings=tuple(findings),
         notes=tuple(notes),

@@ -45,6 +45,22 @@ def _shader(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
     return file, file.spec
 
 
+def _merl(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.tables.merl import MerlFile
+
+    del reading, modules
+    file = MerlFile(*split_spec(spec))
+    return file, file.spec
+
+
+def _rgl(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.tables.rgl import RglFile
+
+    del reading, modules
+    file = RglFile(*split_spec(spec))
+    return file, file.spec
+
+
 _PLAIN = "the plain installation"
 READERS = (
     Reader("Python", (".py",), "mine.py:brdf", _PLAIN, _python, asks=False),
@@ -52,6 +68,8 @@ READERS = (
     Reader("GLSL", (".glsl", ".frag", ".glslf", ".fs"), "mine.glsl:FUNCTION", _PLAIN, _shader),
     Reader("HLSL", (".hlsl",), "mine.hlsl:FUNCTION", _PLAIN, _shader),
     Reader("Slang", (".slang",), "mine.slang:FUNCTION", _PLAIN, _shader),
+    Reader("MERL", (".binary",), "measured.binary", _PLAIN, _merl, asks=False),
+    Reader("RGL", (".bsdf",), "measured.bsdf", _PLAIN, _rgl, asks=False),
 )
 assert {suffix for reader in READERS for suffix in reader.suffixes} == set(SUFFIXES)
 

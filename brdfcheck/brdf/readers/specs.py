@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 
-SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang")
+TABLES = (".binary", ".bsdf")
+"""Endings of measured files, which have no parameters."""
+SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang", *TABLES)
 """Endings of files for which there is a reader."""
 # What ends like the name of a file; no name of the catalogue does.
 _ENDING = re.compile(r"\.[A-Za-z]\w{0,9}$")
