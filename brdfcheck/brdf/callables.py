@@ -6,11 +6,13 @@ real. NaN, infinite and negative values are passed on; they are judged where the
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -35,6 +37,8 @@ ALIGNED = 64
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
 _NUMPY_CALL = 7 * BLOCK
+# Numbers from which on an array is a table.
+_LARGE = 2**14
 
 
 def constant(brdf: Callable[..., Any]) -> Callable[[], Callable[..., Any]]:
@@ -100,11 +104,22 @@ class Evaluator:
 
     # --- programs ---
 
-    def _compile(self) -> None:
-        brdf = None if self.names else self._caller.brdf(())
+    def _members(self) -> tuple[Any, Callable[[Any, Any], Callable[..., Any]]]:
+        """The large arrays of the BRDF on the device, and (arrays, parameters) -> BRDF.
 
-        def row(parameters: Any, turn: Any, wi: Any, wo: Any) -> Any:
-            function = brdf or self._caller.brdf(tuple(parameters[i] for i in range(len(self.names))))
+        A table is an argument of a program: as a part of it, it would be compiled, and kept on disk with it.
+        """
+        if self.names:
+            return None, lambda _, parameters: self._caller.brdf(tuple(parameters[i] for i in range(len(self.names))))
+        large, rest = eqx.partition(self._caller.brdf(()), lambda leaf: eqx.is_array_like(leaf) and np.size(leaf) > _LARGE)
+        with double_precision():
+            return jax.tree.map(jnp.asarray, large), lambda held, _: eqx.combine(held, rest)
+
+    def _compile(self) -> None:
+        held, member = self._members()
+
+        def row(held: Any, parameters: Any, turn: Any, wi: Any, wo: Any) -> Any:
+            function = member(held, parameters)
             c, s = turn[0], turn[1]
             # Components come as arrays of their own, which XLA fuses better than triples.
             light = jnp.stack([jnp.broadcast_to(part, (BLOCK,)) for part in wi], axis=-1)
@@ -118,14 +133,15 @@ class Evaluator:
         group = self._group
         shape = (self._rows, BLOCK) if self.channels is None else (self._rows, BLOCK, self.channels)
 
-        def program(groups: Any, *arguments: Any) -> Any:
+        def program(held: Any, groups: Any, *arguments: Any) -> Any:
             def step(index: Any, values: Any) -> Any:
                 some = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, index * group, group), arguments)
-                return jax.lax.dynamic_update_slice_in_dim(values, jax.vmap(row)(*some), index * group, 0)
+                found = jax.vmap(lambda *given: row(held, *given))(*some)
+                return jax.lax.dynamic_update_slice_in_dim(values, found, index * group, 0)
 
             return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
 
-        self._program = jax.jit(program, compiler_options=self._options)
+        self._program = functools.partial(jax.jit(program, compiler_options=self._options), held)
 
     @property
     def heavy(self) -> bool:
@@ -298,8 +314,9 @@ class Evaluator:
         """f for batches as small as they are given, traced anew: (k, 3) twice -> (k, channels or 1)."""
         if self.slow:
             return lambda wi, wo: self._numpy_call(place, wi, wo)
-        brdf = None if self.names else self._caller.brdf(())
-        program = jax.jit(lambda p, wi, wo: (brdf or self._caller.brdf(tuple(p)))(wi, wo), compiler_options=self._options)
+        held, member = self._members()
+        values = jax.jit(lambda held, p, wi, wo: member(held, p)(wi, wo), compiler_options=self._options)
+        program = functools.partial(values, held)
 
         def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             try:

@@ -172,7 +172,7 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
 
 def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval], how: Reading) -> Target:
     from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.readers.specs import is_file_spec
+    from brdfcheck.brdf.readers.specs import TABLES, is_file_spec, suffix_of
     from brdfcheck.brdf.subject import resolve
 
     if not is_file_spec(name):
@@ -181,7 +181,8 @@ def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Inter
             ranges = catalog.entry(name).family.ranges
             if "n" not in ranges:
                 raise UsageError(f"{name} has no exponent n to normalise over; it has {', '.join(ranges) or 'no parameters'}")
-    (target,) = resolve([name], {"n": exponents, **held}, None, how)
+    table = is_file_spec(name) and suffix_of(name) in TABLES
+    (target,) = resolve([name], held if table else {"n": exponents, **held}, None, how)
     if target.finding is not None:
         raise UsageError(target.finding)
     return target

@@ -116,6 +116,9 @@ def fit_factor(
     "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see `samples` exponents spaced as `sampling`
     says: geometric, linear, or every integer of the range.
 
+    A table, as measured files hold them, has no exponent: its factor is one constant, n/B at n = 1, whatever `n` and the
+    `objective` are.
+
     Raises ValueError for a bad range, objective or sampling, for a family without an exponent n, and where no factor of this
     form conserves; KeyError for an unknown name.
     """
@@ -127,12 +130,26 @@ def fit_factor(
         raise ValueError(f"samples must be a whole number, at least 2; got {samples!r}")
     with double_precision():
         raw = RawAlbedo(family, n)
+        if raw.tabulated:
+            return _constant(raw, objective, tolerance)
         if objective == "minimax":
             return fit_form(raw, (1, 0), tolerance=tolerance)
         places = _samples(raw, sampling, samples)
         fitted = _least_squares(raw, places, objective)
         factor, report = certify(raw, fitted, tolerance=tolerance)
         return _result(raw, factor, report, [_step(raw, fitted, f"{objective}, {len(places)} exponents")], objective, sampling)
+
+
+def _constant(raw: RawAlbedo, objective: Objective, tolerance: float) -> FactorFit:
+    """The largest constant with which a table conserves at every angle, whatever its samples leave open."""
+    report = check_family(raw.family, tolerance=tolerance)
+    assert report.doubt is not None
+    most = max(report.albedo + report.error, report.doubt.most)
+    if not 0 < most < math.inf:
+        raise ValueError(f"{raw.name}: the largest albedo must be finite and > 0 to be normalised; got {most:g}")
+    factor = Factor(0.0, most)
+    history = [Step(factor, report.albedo / most, raw.lowest(factor)[0], "one constant: a table has no exponent")]
+    return _result(raw, factor, check_family(raw.with_factor(factor), tolerance=tolerance), history, objective, "continuous")
 
 
 def _samples(raw: RawAlbedo, sampling: Sampling, count: int) -> np.ndarray:

@@ -16,6 +16,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.runtime import double_precision
+from brdfcheck.verdict.measured import bars
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Sampler:
         """Values and errors on the grid of two axes, shape (parameter, mu)."""
         pairs = np.array(list(product(parameter, mu)))
         value, error = self.albedo(pairs[:, :1], pairs[:, 1], np.zeros(len(pairs)), rtol=self.rtol)
+        error = error + bars(self.albedo, pairs[:, 1], np.zeros(len(pairs)))
         shape = (len(parameter), len(mu))
         return value.reshape(shape), error.reshape(shape)
 
@@ -130,7 +132,8 @@ def tabulate(
     with double_precision():
         family = one_parameter_family(target, cos_theta, ranges)
         sampler = Sampler(family, None)
-        t = [(np.arange(size) + 0.5) / size for size in count]
+        single = sampler.range[0] == sampler.range[1]  # then one row says all
+        t = [(np.arange(size) + 0.5) / size for size in (1 if single else count[0], count[1])]
         nodes, rule = spaced(*sampler.range, t[0])
         low, high = family.cos_theta
         mu = low + (high - low) * t[1]

@@ -17,6 +17,7 @@ from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
+from brdfcheck.brdf.tables import table_in
 from brdfcheck.fits.minimax import extrema, spread
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
@@ -24,6 +25,8 @@ from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 _NARROW = 1e-9
 # Minima that are equal up to this part are one value, reached more than once.
 _TIE = 1e-12
+ONE = (1.0, 1.0)
+"""The exponents of a table, which has none: its factor is one constant, n/B at n = 1."""
 
 
 class RawAlbedo:
@@ -33,9 +36,8 @@ class RawAlbedo:
     """
 
     def __init__(self, target: Any, n: tuple[float, float]):
-        low, high = _checked_range(n)
-        self.low, self.high = low, high
-        family = _one_exponent(target, (low, high))
+        family = _one_exponent(target, _checked_range(n))
+        self.low, self.high = family.ranges["n"]
         self.name = family.name
         self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
         self._albedo = PointwiseAlbedo(self.family)
@@ -49,6 +51,11 @@ class RawAlbedo:
     def single(self) -> bool:
         """True where the range is one exponent in all but name: within it no factor varies."""
         return self.high - self.low <= _NARROW * self.high
+
+    @property
+    def tabulated(self) -> bool:
+        """True for a table, which has no exponent."""
+        return self._albedo.table is not None
 
     @property
     def fast(self) -> bool:
@@ -100,6 +107,8 @@ def _checked_range(n: tuple[float, float]) -> tuple[float, float]:
 def _one_exponent(target: Any, n: tuple[float, float]) -> Family:
     name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
     known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
+    if known is not None and table_in(known.build() if not known.ranges else None) is not None:
+        return Family(known.name, lambda n: known.build(), {"n": ONE}, known.cos_theta)
     if known is not None and "n" not in known.ranges:
         has = ", ".join(known.ranges) or "no parameters"
         raise ValueError(f"{name} has no exponent n to normalise over; it has {has}")

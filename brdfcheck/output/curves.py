@@ -23,6 +23,7 @@ from brdfcheck.output.curve_files import rounded, stretches
 from brdfcheck.output.records import number
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import TOLERANCE, judge
+from brdfcheck.verdict.measured import bars, doubted
 from brdfcheck.verdict.supremum import Supremum, supremum
 
 Curve = dict[str, Any]
@@ -109,7 +110,8 @@ def albedo_vs_angle(
     worst = _supremum(albedo)
 
     def at(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _over_azimuths(albedo, effort, np.repeat(place, len(mu), axis=0), mu)
+        value, error = _over_azimuths(albedo, effort, np.repeat(place, len(mu), axis=0), mu)
+        return value, error + bars(albedo, mu, np.zeros(len(mu)))
 
     mu = _cosines(family.cos_theta, effort.angles if samples is None else samples)
     mu = np.unique(np.append(mu, np.clip(worst.cos_theta, mu[0], mu[-1])))
@@ -223,7 +225,11 @@ def _swept(family: Family) -> str:
 
 
 def _supremum(albedo: PointwiseAlbedo) -> Supremum:
-    return supremum(albedo, threshold=1 + TOLERANCE, rtol=None, intervals=True)
+    found = supremum(albedo, threshold=1 + TOLERANCE, rtol=None, intervals=True)
+    if albedo.table is None:
+        return found
+    found, doubt = doubted(albedo, albedo.table, found)
+    return replace(found, error=max(found.error, doubt.most - found.value))
 
 
 def _scale_of(family: Family) -> Callable[[float], float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,6 +20,7 @@ import numpy as np
 from brdfcheck.brdf.callables import BLOCK, Evaluator, with_options_of
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family, corners
+from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
 from brdfcheck.quadrature.boxes import Mesh
@@ -31,6 +32,8 @@ from brdfcheck.quadrature.rule import AbstractEngine
 
 Rule = GradedRule | Mesh
 
+TABULATED = 1e-5
+"""The accuracy that is asked of the albedo of a table."""
 GRAZING = 1e-9
 """The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
 
@@ -66,9 +69,10 @@ class Seen:
 class PointwiseAlbedo:
     """Callable: (parameters (points, names), cos_theta (points,), azimuth (points,)) -> value, error, both (points,).
 
-    `engine` is the engine, `engine_name` what reports call it. `anisotropic` says whether the azimuth matters, `evaluations`
-    counts the BRDF's evaluations, `epsilon` is the rounding of the BRDF's values. Parameters whose range is one value are held:
-    the BRDF is built with that number. Raises Finding where a user's BRDF fails.
+    `engine` is the engine, `engine_name` what reports call it, `table` what a table looks up in (None for anything else).
+    `anisotropic` says whether the azimuth matters, `evaluations` counts those of the BRDF, `epsilon` is the rounding of the
+    BRDF's values. Parameters whose range is one value are held: the BRDF is built with that number. Raises Finding where a
+    user's BRDF fails.
     """
 
     def __init__(self, family: Family):
@@ -84,10 +88,12 @@ class PointwiseAlbedo:
         middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
         self._template = self._abstract(middle)
         self.evaluator: Evaluator | None = None
+        self.table: AbstractTable | None = None
         self.epsilon = float(jnp.finfo(float).eps)
         if self._template is None:
             self.evaluator = Evaluator(self._with_held(family.build), {name: middle[name] for name in self.swept})
             self.engine: type[AbstractEngine] = Adaptive
+            self.table = None if self.swept else table_in(self._with_held(family.build)())
             self.epsilon = self.evaluator.epsilon
             self.anisotropic = _turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
         else:
@@ -182,7 +188,17 @@ class PointwiseAlbedo:
         """Like a call, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
         if self.evaluator is None:
             return self._engines(parameters, cos_theta, rtol)
-        return self._adaptive(self.evaluator, parameters, cos_theta, azimuth, rtol or 1e-8)
+        return self._adaptive(self.evaluator, parameters, cos_theta, azimuth, rtol or self.best)
+
+    @property
+    def best(self) -> float:
+        """The accuracy that is asked of a function where nothing is said; a table has kinks wherever one looks."""
+        return TABULATED if self.table is not None else Adaptive.best
+
+    def reading(self, table: AbstractTable) -> PointwiseAlbedo:
+        """The same with another table in place of this one."""
+        family = self.family
+        return PointwiseAlbedo(replace(family, build=lambda **held: reread(family.build(**held), table)))
 
     def estimate(
         self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int

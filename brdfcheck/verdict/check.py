@@ -17,6 +17,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Check, Evidence
+from brdfcheck.verdict.measured import Doubt, doubted
 from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
@@ -94,6 +95,7 @@ def check_family(
     evidence: Evidence | None = None
     checks: list[Check] = []
     albedo: PointwiseAlbedo | None = None
+    doubt: Doubt | None = None
     try:
         albedo = PointwiseAlbedo(family)
         if albedo.evaluator is not None:
@@ -109,6 +111,10 @@ def check_family(
             noise = rounding(albedo, worst.parameters, worst.cos_theta, worst.azimuth)
             basis = "single precision" if worst.basis == "search" else worst.basis
             worst = replace(worst, error=worst.error + noise, least=worst.least - noise, basis=basis)
+        if albedo.table is not None:
+            worst, doubt = doubted(albedo, albedo.table, worst)
+            findings += doubt.findings
+            notes += doubt.notes
         evidence = Evidence(albedo, worst.parameters, worst.cos_theta)
         checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
     except Finding as finding:
@@ -121,7 +127,8 @@ def check_family(
         findings.append("the albedo is not a number where the BRDF is not finite")
     verdict = Verdict.UNDECIDED
     if worst is not None:
-        verdict = judge(worst.value, worst.error, tolerance, least=worst.least, settled=worst.settled)
+        error = worst.error if doubt is None else max(worst.error, doubt.most - worst.value)
+        verdict = judge(worst.value, error, tolerance, least=worst.least, settled=worst.settled)
         if verdict is Verdict.CONSERVES and worst.value < -worst.error:
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
     if verdict is Verdict.UNDECIDED and worst is not None:
@@ -135,6 +142,7 @@ def check_family(
         worst,
         side,
         albedo,
+        doubt=doubt,
         checks=tuple(checks),
         findings=tuple(findings),
         notes=tuple(notes),

@@ -10,6 +10,7 @@ import numpy as np
 
 from brdfcheck.verdict import words
 from brdfcheck.verdict.checks import Check
+from brdfcheck.verdict.measured import Doubt
 from brdfcheck.verdict.side_checks import SideChecks
 
 TOLERANCE = 1e-9
@@ -38,8 +39,8 @@ class Report:
     (the last scan found nothing higher, and no climb was left unfinished that might yet cross 1), and `width`: the widest
     region that the search may have missed, for each parameter as a part of its range, for "angle" and "azimuth" in degrees,
     and for "cell" as a part of all ranges at once. `unbounded` says where the albedo grows without bound (`albedo` is then
-    infinite). `channel`: of
-    `channels`, the one with the largest albedo (None: there is one only).
+    infinite). `channel`: of `channels`, the one with the largest albedo (None: there is one only). `doubt`: of a measured
+    table, what the samples leave open and how much of the error bar that is (None for anything else).
     """
 
     name: str
@@ -71,6 +72,7 @@ class Report:
     channel: int | None = None
     channels: int = 1
     effort: str = "normal"
+    doubt: Doubt | None = None
 
     @property
     def passed(self) -> bool:

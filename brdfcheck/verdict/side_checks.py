@@ -16,6 +16,7 @@ from brdfcheck.brdf.family import corners
 from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.zonal import Zonal
+from brdfcheck.verdict.measured import TIMES
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -24,6 +25,8 @@ _SCANNED_NOTHING = 1e-9  # in 1/sr: what is less negative than that in a scan is
 # All corners of the box up to this number, and how many times the directions are moved by their rounding.
 _CORNERS = 256
 _TREMORS = 6
+# The cosine of both directions below which the values of a table are not compared: 84 degrees.
+_STEEP = 0.1
 # How far values may differ for a hint at what is wrong with them.
 _HINT = 1e-3
 
@@ -145,7 +148,11 @@ def _function_values(evaluator: Evaluator, parameters: np.ndarray) -> Values:
 
 
 def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
-    """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding."""
+    """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding.
+
+    Two values of a table may be equal where they differ by less than their bars (see `brdfcheck.verdict.measured`); towards
+    grazing its samples are too far apart for a bar to mean anything.
+    """
     wi, wo = direction_pairs()
     parameters = _sampled_parameters(list(albedo.family.ranges.values()), [worst[name] for name in albedo.names])
     evaluator = albedo.reflection
@@ -185,6 +192,13 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     unequal = residual > limit
     if np.any(unequal):
         unequal &= gap > limit * larger + 8 * _noise(values, wi, wo, there, back, albedo.epsilon)
+        if np.any(unequal) and albedo.table is not None:
+            nearest = albedo.reading(albedo.table.by_nearest()).evaluator
+            assert nearest is not None
+            sampled = _function_values(nearest, parameters[:, swept])(np.concatenate([wi, wo]), np.concatenate([wo, wi]))
+            doubt = np.abs(both - sampled)
+            unequal &= gap > TIMES * (doubt[:, : len(wi)] + doubt[:, len(wi) :])
+            unequal &= (np.minimum(wi[:, 2], wo[:, 2]) > _STEEP)[:, None]
     told = np.where(unequal, residual, 0) if np.any(unequal) else np.where(residual <= limit, residual, 0)
     where = np.unravel_index(np.argmax(told), told.shape)
     least = np.where(finite, np.minimum(there, back), np.inf)

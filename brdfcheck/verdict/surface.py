@@ -40,6 +40,7 @@ class Surface:
     def __init__(self, albedo: PointwiseAlbedo, rtol: float | None, watch: Watch):
         family = albedo.family
         self.albedo, self._watch = albedo, watch
+        rtol = albedo.best if rtol is None and albedo.table is not None else rtol
         self.theorem = albedo.monotone and family.cos_theta[1] == 1
         # A function may turn out to be anisotropic in a place where it was not asked: scans look at all azimuths.
         self.box = Box(

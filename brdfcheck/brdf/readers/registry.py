@@ -67,6 +67,22 @@ def _mitsuba(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
     return file, file.spec
 
 
+def _merl(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.tables.merl import MerlFile
+
+    del reading, modules
+    file = MerlFile(*split_spec(spec))
+    return file, file.spec
+
+
+def _rgl(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
+    from brdfcheck.brdf.readers.tables.rgl import RglFile
+
+    del reading, modules
+    file = RglFile(*split_spec(spec))
+    return file, file.spec
+
+
 READERS = (
     Reader("Python", (".py",), "mine.py:brdf", None, _python, asks=False),
     Reader("BRDF Explorer", (".brdf",), "mine.brdf", None, _shader),
@@ -84,6 +100,8 @@ READERS = (
         prefix="materialx:",
     ),
     Reader("Mitsuba", (), "mitsuba:PLUGIN", ("mitsuba", "mitsuba"), _mitsuba, asks=False, functions=False, prefix="mitsuba:"),
+    Reader("MERL", (".binary",), "measured.binary", None, _merl, asks=False, functions=False),
+    Reader("RGL", (".bsdf",), "measured.bsdf", None, _rgl, asks=False, functions=False),
 )
 assert {suffix for reader in READERS for suffix in reader.suffixes} == set(SUFFIXES)
 assert {reader.prefix for reader in READERS} - {""} == set(PREFIXES)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 
-SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang", ".mtlx")
+TABLES = (".binary", ".bsdf")
+"""Endings of measured files, which have no parameters."""
+SUFFIXES = (".py", ".brdf", ".glsl", ".frag", ".glslf", ".fs", ".hlsl", ".slang", ".mtlx", *TABLES)
 """Endings of files for which there is a reader."""
 PREFIXES = ("materialx:", "mitsuba:")
 """Beginnings of names that stand for what another program knows, and for no file."""
