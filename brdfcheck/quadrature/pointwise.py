@@ -19,10 +19,11 @@ import numpy as np
 
 from brdfcheck.brdf.callables import BLOCK, Evaluator, with_options_of
 from brdfcheck.brdf.factors import has_engine
-from brdfcheck.brdf.family import Family, corners
+from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
+from brdfcheck.quadrature.anisotropy import turns_with_the_surface
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.functions import Adaptive, adaptive_albedo
 from brdfcheck.quadrature.graded import GradedRule
@@ -95,7 +96,7 @@ class PointwiseAlbedo:
             self.engine: type[AbstractEngine] = Adaptive
             self.table = None if self.swept else table_in(self._with_held(family.build)())
             self.epsilon = self.evaluator.epsilon
-            self.anisotropic = _turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
+            self.anisotropic = turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
         else:
             self.engine = engine_of(self._template)
 
@@ -402,16 +403,6 @@ def worst_channel(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.
     return np.take_along_axis(value, pick, -1)[:, 0], np.take_along_axis(error, pick, -1)[:, 0], worst
 
 
-def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
-    """Where a family is asked for what it is: at corners, in the middle and off it (at a corner it may be nothing at all)."""
-    inside = [tuple((1 - part) * low + part * high for low, high in ranges) for part in (0.5, 0.37)]
-    tilted = [
-        tuple((1 - part) * low + part * high for part, (low, high) in zip(parts, ranges, strict=True))
-        for parts in np.random.default_rng(5).uniform(0, 1, (4, len(ranges)))
-    ]
-    return list(dict.fromkeys([*corners(ranges, 64), *inside, *tilted]))
-
-
 def _roundings(epsilon: float) -> float:
     """The rounding of an albedo by a fixed rule, relative: in single precision that of the directions counts too."""
     return (16 if epsilon > 1e-10 else 4) * epsilon
@@ -420,53 +411,3 @@ def _roundings(epsilon: float) -> float:
 def _budget(rtol: float) -> int:
     """Evaluations that one adaptive integral may cost. What jumps never reaches an accuracy; a look-around must end."""
     return 150_000 if rtol >= 1e-6 else 600_000 if rtol >= 5e-8 else 3_000_000
-
-
-def _turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float]]) -> bool:
-    """True where f changes when both directions turn about N together, on seeded pairs at several places: anisotropic.
-
-    What rounds a lot (float32 near a pole) changes as much when it turns by next to nothing; such pairs are judged by their
-    number, the others one by one.
-    """
-    chosen = _places(ranges)
-    places = np.array(chosen, float).reshape(len(chosen), len(ranges))
-    random = np.random.default_rng(20)
-    rows = max(2, 48 // len(places))
-    shape = (len(places) * rows, BLOCK)
-    cosine, other = random.uniform(0.02, 1, (2, *shape))
-    azimuth, away = random.uniform(0, 2 * np.pi, (2, *shape))
-    # A third is near the mirror direction, where a sharp lobe is not zero, a third near the light.
-    kind = np.arange(BLOCK) % 3
-    near = np.clip(cosine + random.normal(0, 0.03, shape), 0.01, 1)
-    other = np.where(kind == 0, other, near)
-    away = np.where(kind == 0, away, azimuth + np.pi * (kind == 1) + random.normal(0, 0.03, shape))
-    turn = random.uniform(0.2, 2 * np.pi - 0.2, shape)
-    parameters = np.repeat(places, rows, axis=0)
-
-    def turned(angle: np.ndarray | float) -> np.ndarray:
-        return evaluator.rows(parameters, _directions(cosine, azimuth + angle), _directions(other, away + angle))
-
-    with np.errstate(all="ignore"):
-        first, second = turned(0.0), turned(turn)
-        scale = np.maximum(np.abs(first), np.abs(second))
-        peak = np.max(scale, axis=(0, 1), where=np.isfinite(scale), initial=0.0)
-        change = np.abs(first - second)
-        clean = max(1e-6, 32 * evaluator.epsilon)
-        suspects = change > clean * scale + 1e-12 * peak
-        if not np.any(suspects):
-            return False
-        noise = np.maximum.reduce([np.abs(turned(step) - first) for step in (3e-7, 1e-6, -2e-6)])
-        if evaluator.epsilon > 1e-10:
-            # Single precision: rounding changes all values, most of them a little and some a lot; compare the usual changes.
-            told = (scale > 1e-12 * peak) & np.isfinite(scale)
-            usual, least = (float(np.median((part / scale)[told])) if np.any(told) else 0.0 for part in (change, noise))
-            return usual > 5 * least + 4 * evaluator.epsilon
-        noisy = noise > 1e-4 * scale
-        clear = suspects & (change > 10 * noise)
-        return bool(np.any(clear & ~noisy) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(scale > 1e-12 * peak))
-
-
-def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Unit vectors, shape (3, rows, directions)."""
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
