@@ -28,7 +28,11 @@ Run = Callable[..., tuple[int, str, str]]
 # --- what is wrong, command by command ---
 
 BAD = {
-    "": [("", "no command given; the commands are check, audit, certify, fit"), ("chekc", "'chekc'"), ("--frobnicate", "--frobnicate")],
+    "": [
+        ("", "no command given; the commands are check, audit, certify, fit"),
+        ("chekc", "'chekc'"),
+        ("--frobnicate", "--frobnicate"),
+    ],
     "check": [
         ("--frobnicate", "--frobnicate"),
         ("--over", "Option '--over' requires an argument (see brdfcheck check --help)"),
