@@ -333,3 +333,70 @@ def test_what_is_no_certificate_is_rejected():
             read(text)
     with pytest.raises(Rejected, match="damaged: KeyError"):
         verify(Certificate({"schema": "brdfcheck-certificate", "schema_version": 1}))
+
+
+FACETS = ("cook-torrance", "beckmann-smith", "beckmann-smith-correlated", "ggx")
+POINTS = {
+    "cook-torrance-published": (lambda: brdfcheck.CookTorrance(0.05, convention="published"), 1.0),
+    "cook-torrance-no-masking": (lambda: brdfcheck.CookTorrance(1.0, masking="none"), 0.02),
+    "phong-classical": (lambda: brdfcheck.PerCosine(brdfcheck.Normalized(brdfcheck.Phong(2), brdfcheck.PhongExact())), 0.5),
+    "kuijk-blake-phong-factor": (
+        lambda: brdfcheck.Normalized(brdfcheck.KuijkBlake(1000), brdfcheck.Factor(2, 2 * np.pi)),
+        1.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FACETS)
+def test_facets_conserve_by_their_premises(name):
+    certificate = certify(name)
+    assert certificate
+    assert certificate.record["theorems"] == ["masked projected areas"]
+    record = json.loads(certificate.to_json())
+    verify(Certificate(record))
+    for key, wrong in (
+        ("convention", "published"), ("masking", "none"), ("fresnel", "2"), ("distribution", "Phong"), ("weights", ["1.1"]),
+        ("weights", ["-1"]), ("weights", ["0.5", "0.6"]),
+    ):  # fmt: skip
+        changed = copy.deepcopy(record)
+        changed["lobe"][key] = wrong
+        with pytest.raises(Rejected):
+            verify(Certificate(changed))
+    changed = copy.deepcopy(record)
+    changed["range"] = {"f0": ["0", "1.01"]}
+    with pytest.raises(Rejected):
+        verify(Certificate(changed))
+    with pytest.raises(LookupError):  # the checker that stands alone is for lobes
+        verify_certificate.check(record)
+
+
+def test_facets_over_several_parameters():
+    certificate = certify(brdfcheck.GGX, alpha=(0.01, math.inf), f0=(0, 1))
+    assert "every alpha from 0.01 to inf and every f0 from 0 to 1" in certificate.statement
+    assert certify(brdfcheck.CookTorrance([0.2, 0.4], weights=[0.3, 0.7], f0=[0.9, 0.5, 0.2]))
+    for facets, message in (
+        (brdfcheck.CookTorrance([0.2, 0.4], weights=[0.3, 0.8]), "add up to more than 1"),
+        (brdfcheck.GGX(0.4, masking="none"), "there is no masking"),
+        (brdfcheck.CookTorrance(0.3, convention="published", masking="smith-separable"), "the convention is not"),
+    ):
+        with pytest.raises(NotProved, match=message):
+            certify(facets)
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_points_above_1_of_published_claims(name):
+    certificate = certify(name)
+    assert not certificate
+    verify(Certificate(json.loads(certificate.to_json())))
+    make, cosine = POINTS[name]
+    least = float(certificate.record["point"]["albedo at least"])
+    assert certificate.record["point"]["cos_theta"] == f"{cosine:g}"
+    assert 1 < least <= float(brdfcheck.albedo(make(), cosine).value) + 1e-12
+    changed = json.loads(certificate.to_json().replace(certificate.record["point"]["albedo at least"], str(least + 1)))
+    with pytest.raises(Rejected):
+        verify(Certificate(changed))
+
+
+def test_every_entry_of_the_catalogue_has_an_answer_but_kuijk_and_blakes():
+    known = {*CONSERVING, *VIOLATING, *FACETS, *POINTS}
+    assert {entry.name for entry in catalog.entries()} - known == {"kuijk-blake-mirror", "kuijk-blake-half"}

@@ -10,8 +10,10 @@ from typing import Any
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
+from brdfcheck.proof import facets
 from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, Claim, NotProved, cover, peak, written
+from brdfcheck.proof.facets import facets_of, point_of
 from brdfcheck.proof.reading import Lobe, built, exact, lobe_of
 
 _FIRST_PART = 1000
@@ -52,6 +54,12 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None) -> C
     for name, (low, high) in family.ranges.items():
         low, high = (ranges or {}).get(name, (low, high))
         ends[name] = exact(low, name), None if high == math.inf else exact(high, name)
+    known = facets_of(brdf) or point_of(brdf)
+    if known is not None:
+        found = facets.certificate(known, ends, exact(family.cos_theta[0], "cos_theta"))
+        if not found and Fraction(found.record["point"]["cos_theta"]) > exact(family.cos_theta[1], "cos_theta"):
+            raise NotProved("the point above 1 that is known is at an incidence that the range of cos_theta leaves out")
+        return found
     if len(ends) > 1:
         raise UsageError(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
     parameter = next(iter(ends), "n")

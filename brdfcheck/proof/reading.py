@@ -115,7 +115,7 @@ def lobe_of(brdf: Any, name: str, parameter: str) -> Lobe:
     profile = _profile(core)
     if profile is None:
         raise UsageError(f"{name}: {type(core).__name__} is no lobe that certify knows; it knows {_KNOWN}")
-    return Lobe(profile, _factor(factor, profile, name), parameter)
+    return Lobe(profile, factor_of(factor, profile, name), parameter)
 
 
 def _profile(core: Any) -> Profile | None:
@@ -131,7 +131,8 @@ def _profile(core: Any) -> Profile | None:
     return None
 
 
-def _factor(factor: Any, profile: Profile, name: str) -> LinearFactor | None:
+def factor_of(factor: Any, profile: Profile | None, name: str) -> LinearFactor | None:
+    """A factor as the proofs know it; None for the reciprocal of the albedo of `profile`. UsageError for anything else."""
     if factor is None:
         return LinearFactor(Fraction(1), constant=True)
     if type(factor) is PhongExact:

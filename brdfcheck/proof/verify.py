@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import Any
 
 from brdfcheck.messages import one_line
+from brdfcheck.proof import facets
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
@@ -47,6 +48,11 @@ def verify(certificate: Certificate) -> None:
 
 def _proved(record: Mapping[str, Any]) -> Certificate:
     """The certificate that the numbers of this one prove. Rejected where they prove none."""
+    if record["lobe"]["kind"] not in KINDS:
+        ranges = {
+            name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()
+        }
+        return facets.certificate(record["lobe"], ranges, Fraction(record.get("point", {}).get("cos_theta", 0)))
     ((parameter, (first, last)),) = record["range"].items()
     low, high = Fraction(first), None if last == "inf" else Fraction(last)
     if low < 0 or (high is not None and high < low):
