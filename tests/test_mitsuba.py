@@ -13,6 +13,7 @@ import pytest
 import brdfcheck
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.microfacet import GGX
+from brdfcheck.brdf.readers import registry
 from brdfcheck.brdf.readers.mitsuba import runtime
 from brdfcheck.brdf.subject import as_target, load
 from brdfcheck.messages import UsageError
@@ -195,8 +196,8 @@ def test_what_cannot_be_read_is_told_in_a_line(spec, ranges, says):
 
 
 def test_without_mitsuba_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda package: None)
-    assert refused("mitsuba:diffuse") == "Mitsuba is not installed: pip install brdfcheck[mitsuba]"
+    monkeypatch.setattr(registry, "find_spec", lambda package: None)
+    assert refused("mitsuba:diffuse") == "mitsuba:diffuse: Mitsuba needs the package mitsuba: pip install 'brdfcheck[mitsuba]'"
 
 
 def test_the_command_ends_with_4():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import glob
 import importlib
-import importlib.util
 import mmap
 import os
 import re
@@ -27,11 +26,6 @@ _SINCE_16 = b"LLVMGetVersion"
 
 LOCK = threading.RLock()
 """Held while Mitsuba computes: several BRDFs may be checked at a time, and its just-in-time compiler has one state."""
-
-
-def installed() -> bool:
-    """True where Mitsuba can be imported. Nothing is imported."""
-    return importlib.util.find_spec("mitsuba") is not None
 
 
 def llvm_library() -> str | None:
@@ -77,9 +71,7 @@ def variant() -> tuple[str, str]:
 
 
 def mitsuba_module() -> Any:
-    """Mitsuba with its variant set. UsageError where it is not installed."""
-    if not installed():
-        raise UsageError("Mitsuba is not installed: pip install brdfcheck[mitsuba]")
+    """Mitsuba with its variant set. UsageError where it cannot be loaded."""
     try:
         name, _ = variant()
         mitsuba = importlib.import_module("mitsuba")
