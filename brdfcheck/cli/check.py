@@ -71,11 +71,12 @@ Examples:
   brdfcheck check mine.py:measured --cos-theta 0.02:1 --json -
   brdfcheck check disney.brdf --over metallic=1
   brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
+  brdfcheck check gold-paint.binary --cos-theta 0.1:1
 
 A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3) with the normal
 along +z, in 1/sr; or a class or a factory that takes parameters and makes one; or a
 shader file (.brdf, .glsl, .frag, .hlsl, .slang), whose parameters run over the ranges
-that the file gives, or over yours.
+that the file gives, or over yours; or a measured one (MERL .binary, RGL .bsdf).
 
 \b
 Exit codes:
@@ -89,7 +90,8 @@ def _check(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="Catalogue names (brdfcheck list), path/to/file.py:object, or shader files: FILE.brdf, FILE.glsl:FUNCTION."
+            help="Catalogue names (brdfcheck list), path/to/file.py:object, shader files FILE.brdf, FILE.glsl:FUNCTION,"
+            " or measured files FILE.binary, FILE.bsdf."
             " [default: the validated catalogue]",
             show_default=False,
         ),

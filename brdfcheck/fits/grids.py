@@ -81,7 +81,7 @@ class Sampler:
         """Values and errors on the grid of two axes, shape (parameter, mu)."""
         pairs = np.array(list(product(parameter, mu)))
         value, error = self.albedo(pairs[:, :1], pairs[:, 1], np.zeros(len(pairs)), rtol=self.rtol)
-        error = error + bars(self.albedo, pairs[:, 1], np.zeros(len(pairs)))
+        error = error + bars(self.albedo, pairs[:, 1], np.zeros(len(pairs))).max(axis=1)
         shape = (len(parameter), len(mu))
         return value.reshape(shape), error.reshape(shape)
 

@@ -111,7 +111,7 @@ def albedo_vs_angle(
 
     def at(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, error = _over_azimuths(albedo, effort, np.repeat(place, len(mu), axis=0), mu)
-        return value, error + bars(albedo, mu, np.zeros(len(mu)))
+        return value, error + bars(albedo, mu, np.zeros(len(mu))).max(axis=1)
 
     mu = _cosines(family.cos_theta, effort.angles if samples is None else samples)
     mu = np.unique(np.append(mu, np.clip(worst.cos_theta, mu[0], mu[-1])))

@@ -29,10 +29,12 @@ from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
 from brdfcheck.sweep.plan import CELL, Chunk, Plan
 from brdfcheck.sweep.subjects import of_type
+from brdfcheck.verdict.measured import bars
 
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.
 _KEPT = 8
+_PARTS = ("value", "error", "evaluations")
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,11 @@ class Computer:
             except Finding as error:
                 shown = ", ".join(f"{name}={value:g}" for name, value in {**row, "cos_theta": float(mu)}.items())
                 raise UsageError(f"{settings['brdf']} at {shown}: {one_line(error)}") from None
-        return tuple(np.array([np.asarray(getattr(a, part)) for a in answers]) for part in ("value", "error", "evaluations"))
+        value, error, count = (np.array([np.asarray(getattr(a, part)) for a in answers]) for part in _PARTS)
+        if self.plan.is_table(combination):
+            turns = numbers.get("azimuth", np.zeros(len(value)))
+            error = error + bars(self.plan.samples(combination), numbers["cos_theta"], turns)
+        return value, error, count
 
     def _evaluator(self, combination: tuple[int, ...]) -> Evaluator:
         # One for each thread: an evaluator keeps its latest program.

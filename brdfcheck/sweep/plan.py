@@ -22,7 +22,10 @@ import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.tables import table_in
 from brdfcheck.messages import UsageError, one_line
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep import subjects
@@ -209,6 +212,15 @@ class Plan:
                 return Evaluator(self.subject(combination).build, middle)
         except Finding as error:
             raise self.config.fail("brdf", one_line(error)) from None
+
+    def is_table(self, combination: tuple[int, ...]) -> bool:
+        """True where the BRDF of a combination is known at samples only."""
+        return not self._parameters and table_in(self.subject(combination).build()) is not None
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def samples(self, combination: tuple[int, ...]) -> PointwiseAlbedo:
+        """The table of a combination, for its error bars."""
+        return PointwiseAlbedo(Family(self.settings(combination)["brdf"], self.subject(combination).build))
 
     def _channels(self, combination: tuple[int, ...]) -> int | None:
         """How many channels the BRDF of a combination has; None where it gives one number."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -15,7 +16,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Check, Evidence
-from brdfcheck.verdict.measured import Doubt, doubted
+from brdfcheck.verdict.measured import Doubt, doubted, searched
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
 from brdfcheck.verdict.report import Verdict as Verdict
@@ -96,6 +97,8 @@ def check_family(
             notes.append("JAX cannot trace this function: evaluated with numpy, which is slower")
         if albedo.evaluator is not None:
             findings += _batches(albedo)
+        every = albedo.evaluator.channels if albedo.evaluator is not None else None
+        albedo, channels = searched(albedo)
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
@@ -103,6 +106,9 @@ def check_family(
             worst, doubt = doubted(albedo, albedo.table, worst)
             findings += doubt.findings
             notes += doubt.notes
+        if worst.channel is not None and every is not None and len(channels) < every:
+            worst = replace(worst, channel=channels[worst.channel], channels=every)
+            notes.append(f"of {every} channels the {len(channels)} that reflect most were searched")
         evidence = Evidence(albedo, worst.parameters)
         checks = [made(evidence) for made in CHECKS.values()]
     except Finding as finding:

@@ -192,12 +192,15 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     if np.any(unequal):
         unequal &= gap > limit * larger + 8 * _noise(values, wi, wo, there, back, albedo.epsilon)
         if np.any(unequal) and albedo.table is not None:
-            nearest = albedo.reading(albedo.table.by_nearest()).evaluator
+            nearest = albedo.nearest.evaluator
             assert nearest is not None
             sampled = _function_values(nearest, parameters[:, swept])(np.concatenate([wi, wo]), np.concatenate([wo, wi]))
             doubt = np.abs(both - sampled)
-            unequal &= gap > TIMES * (doubt[:, : len(wi)] + doubt[:, len(wi) :])
-            unequal &= (np.minimum(wi[:, 2], wo[:, 2]) > _STEEP)[:, None]
+            doubt = doubt[:, : len(wi)] + doubt[:, len(wi) :]
+            steep = np.broadcast_to((np.minimum(wi[:, 2], wo[:, 2]) > _STEEP)[:, None], larger.shape)
+            # Two look-ups may agree by chance, where their lines cross: a bar is at least half of what it usually is.
+            usual = np.median((doubt / np.maximum(larger, 1e-300))[steep & (larger > _NOTHING * peak)])
+            unequal &= steep & (gap > TIMES * np.maximum(doubt, usual / 2 * larger))
     told = np.where(unequal, residual, 0) if np.any(unequal) else np.where(residual <= limit, residual, 0)
     where = np.unravel_index(np.argmax(told), told.shape)
     least = np.where(finite, np.minimum(there, back), np.inf)

@@ -57,5 +57,7 @@ def read_arrays(data: np.ndarray, path: str) -> dict[str, np.ndarray]:
         if end > len(data):
             sizes = " x ".join(map(str, shape)) or "1"
             raise mistake(path, f"the array {name!r} ({sizes}) ends at byte {end}; the file has {len(data)}: it is truncated")
-        arrays[name] = np.frombuffer(data[offset:end].data, dtype).reshape(shape) if end > offset else np.empty(shape, dtype)
+        # An array with nothing in it may claim any size besides.
+        full = end > offset
+        arrays[name] = np.frombuffer(data[offset:end].data, dtype).reshape(shape) if full else np.empty(0, dtype)
     return arrays
