@@ -219,7 +219,7 @@ def test_no_data_count_as_nothing_and_are_told(folder: Path) -> None:
         return np.minimum(wi[..., 2], wo[..., 2]) < 0.5
 
     path = write(folder, "holes.binary", merl_bytes(lambert(0.8), no_data=hidden))
-    report = verdict(path, cos_theta=(0.8, 0.9))
+    report = verdict(path, cos_theta=STEEP)
     assert report.albedo == pytest.approx(0.8 * 0.75, abs=0.01)  # what is reflected to less than 60 degrees
     assert report.verdict is Verdict.CONSERVES
     assert report.doubt is not None
@@ -232,11 +232,11 @@ def test_no_data_count_as_nothing_and_are_told(folder: Path) -> None:
     assert not report.passed
     # What might be there can only be too much for one that does conserve, and cannot save one that does not.
     bright = write(folder, "bright.binary", merl_bytes(lambert(1.2), no_data=hidden))
-    report = verdict(bright, cos_theta=(0.8, 0.9))
+    report = verdict(bright, cos_theta=STEEP)
     assert report.albedo + report.error < 1 < report.doubt.filled
     assert report.verdict is Verdict.UNDECIDED
     glare = write(folder, "glare.binary", merl_bytes(lambert(2.0), no_data=hidden))
-    assert verdict(glare, cos_theta=(0.8, 0.9)).verdict is Verdict.VIOLATES
+    assert verdict(glare, cos_theta=STEEP).verdict is Verdict.VIOLATES
 
 
 def test_other_angles_have_a_say(folder: Path) -> None:
@@ -290,6 +290,7 @@ def test_plot_and_sweep(folder: Path, here: Path, run: Run) -> None:
     assert np.all(store.error.values >= bars(albedo, mu, np.zeros(3)) * (1 - 1e-9))
 
 
+@pytest.mark.slow
 def test_a_fit_is_one_constant(here: Path, run: Run) -> None:
     write(here, "much.bsdf", rgl_bytes(0.6, COARSE, size=10, finer=16, colours=(1, 2, 3)))
     code, out, err = run("fit", "much.bsdf", "--export", "csv", "much.csv", "--json", "fit.json")
@@ -307,6 +308,7 @@ def test_a_fit_is_one_constant(here: Path, run: Run) -> None:
     assert "--n" in err
 
 
+@pytest.mark.slow
 def test_it_is_rendered(here: Path, run: Run) -> None:
     write(here, "matt.bsdf", rgl_bytes(0.6, COARSE, size=10, finer=16, colours=(0.3, 0.2, 0.1)))
     scene = '[material]\nkind = "surface"\nterms = [{ brdf = "matt.bsdf" }]\n[[lights]]\nkind = "distant"\n'

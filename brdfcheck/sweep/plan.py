@@ -25,7 +25,7 @@ from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import table_in
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import TABULATED, PointwiseAlbedo
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep import subjects
@@ -170,12 +170,13 @@ class Plan:
     def method(self, combination: tuple[int, ...]) -> Method:
         """How the cells of a combination are computed. UsageError where there is no such rule or it does not take the BRDF."""
         settings, template = self.settings(combination), self.subject(combination).template
-        try:
-            rule = subjects.rule_of(settings["rule"], settings.get("rtol"), template)
-        except ValueError as error:
-            raise self.config.fail("rule", str(error)) from None
         with double_precision():
             example = self.subject(combination).build(**{name: float(self.values(name)[0]) for name in self._parameters})
+        rtol = settings.get("rtol", None if table_in(example) is None else TABULATED)
+        try:
+            rule = subjects.rule_of(settings["rule"], rtol, template)
+        except ValueError as error:
+            raise self.config.fail("rule", str(error)) from None
         if not rule.on_host and not rule.takes(example):
             raise self.config.fail(
                 "rule", f"{settings['brdf']} does not fit the rule {settings['rule']!r}, which needs {rule.needs}"
