@@ -16,8 +16,8 @@ from brdfcheck import check, load
 from brdfcheck.brdf.tables import AbstractTable
 from brdfcheck.cli import ExitCode
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import TIMES, bars
 from brdfcheck.verdict import Report, Verdict
-from brdfcheck.verdict.measured import TIMES, bars
 
 Run = Callable[..., tuple[int, str, str]]
 LIGHTS = np.radians([0, 10, 20, 30, 40, 50, 60, 70, 80, 88])

@@ -54,6 +54,7 @@ REFUSED: dict[str, tuple[str, bytes, str]] = {
     "description cut": ("x.bsdf", GOOD[:30], "ends within the description of array 1 of"),
     "data cut": ("x.bsdf", GOOD[:-40], "it is truncated"),
     "many arrays": ("x.bsdf", described(count=2**32 - 1), "kinds 1 to|ends within|there twice|has no array"),
+    "long name": ("x.bsdf", described(name=b"n" * 65), "has a name of 65 bytes; at most 64 are read"),
     "vast": ("x.bsdf", described(shape=(2**63, 2**62)), r"the array 'ndf' \(9223372036854775808 x .* is truncated"),
     "vast and empty": ("x.bsdf", described(shape=(2**63, 0)), "has no array 'phi_i'; it holds 'ndf'"),
     "far": ("x.bsdf", described(offset=2**64 - 1), "is truncated"),

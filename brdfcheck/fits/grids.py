@@ -15,8 +15,8 @@ from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import bars
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict.measured import bars
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,9 @@ from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.output.curve_files import rounded, stretches
 from brdfcheck.output.records import number
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import bars
 from brdfcheck.verdict import TOLERANCE, judge
-from brdfcheck.verdict.measured import bars, doubted
+from brdfcheck.verdict.measured import doubted
 from brdfcheck.verdict.supremum import Supremum, supremum
 
 Curve = dict[str, Any]

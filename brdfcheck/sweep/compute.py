@@ -24,12 +24,12 @@ from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.albedo import batched
 from brdfcheck.quadrature.functions import adaptive_albedo
+from brdfcheck.quadrature.samples import bars
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
 from brdfcheck.sweep.plan import CELL, Chunk, Plan
 from brdfcheck.sweep.subjects import of_type
-from brdfcheck.verdict.measured import bars
 
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.

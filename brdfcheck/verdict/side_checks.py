@@ -15,8 +15,8 @@ from brdfcheck.brdf.factors import Normalized
 from brdfcheck.brdf.family import corners
 from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import TIMES
 from brdfcheck.quadrature.zonal import Zonal
-from brdfcheck.verdict.measured import TIMES
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -150,7 +150,7 @@ def _function_values(evaluator: Evaluator, parameters: np.ndarray) -> Values:
 def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding.
 
-    Two values of a table may be equal where they differ by less than their bars (see `brdfcheck.verdict.measured`); towards
+    Two values of a table may be equal where they differ by less than their bars (see `brdfcheck.quadrature.samples`); towards
     grazing its samples are too far apart for a bar to mean anything.
     """
     wi, wo = direction_pairs()
