@@ -400,3 +400,26 @@ def test_points_above_1_of_published_claims(name):
 def test_every_entry_of_the_catalogue_has_an_answer_but_kuijk_and_blakes():
     known = {*CONSERVING, *VIOLATING, *FACETS, *POINTS}
     assert {entry.name for entry in catalog.entries()} - known == {"kuijk-blake-mirror", "kuijk-blake-half"}
+
+
+def test_a_check_rests_on_a_proof_where_there_is_one():
+    """Whatever the tolerance: an albedo of 1 within its error bar is decided."""
+    exact = brdfcheck.check("phong", tolerance=0.0, effort="quick")
+    assert (exact.verdict.name, exact.basis, exact.tolerance) == ("CONSERVES", "proof", 0.0)
+    assert exact.albedo + exact.error > 1
+    assert "proof: at most 1 in exact arithmetic" in str(exact)
+    assert brdfcheck.check("binomial-power-published", effort="quick").basis == "theorem"
+
+    def pushed(n):
+        return brdfcheck.Normalized(brdfcheck.Phong(n), brdfcheck.Factor(2 + 1e-11, 2 * np.pi))
+
+    # Above 1 by 5e-12: within the tolerance, so that it conserves by that, but not by a proof.
+    slack = brdfcheck.check(pushed, n=(1, 9), effort="quick")
+    assert (slack.verdict.name, slack.basis) == ("CONSERVES", "theorem")
+
+
+def test_a_check_wastes_little_time_on_proofs():
+    """Where a proof needs many boxes, a check does without."""
+    claim = Claim(TruncatedPower("half", 16), LinearFactor(Fraction("7.24267604"), Fraction("26.17000504")))
+    with pytest.raises(NotProved, match="no proof found"):
+        cover(claim, Fraction(1), Fraction(1000), 5)

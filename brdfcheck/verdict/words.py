@@ -119,6 +119,8 @@ def basis_text(report: Report) -> str:
     looked = f"{report.basis}, {count_text(report.points)} points, {plural(report.climbs, 'climb', 'climbs')}"
     if report.basis == "theorem":
         looked = f"theorem: normal incidence is the worst angle, {count_text(report.points)} points over the parameters"
+    if report.basis == "proof":
+        return f"proof: at most 1 in exact arithmetic (brdfcheck certify), {count_text(report.points)} points for the largest"
     if not report.settled:
         looked += ", not settled"
     missed = width_text(report.width)
