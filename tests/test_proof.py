@@ -168,6 +168,15 @@ def test_exact_factors():
         certify(brdfcheck.Normalized(lobe, brdfcheck.BlinnPhongExact()))
 
 
+def test_single_brdfs():
+    assert certify(brdfcheck.Lambert(0.8)).record["range"] == {"reflectance": ["0.8", "0.8"]}
+    assert not certify(brdfcheck.Lambert, reflectance=(0, 1.25))
+    assert accepted(json.loads(certify(brdfcheck.Lambert(0.8)).to_json()))
+    assert certify(brdfcheck.Normalized(brdfcheck.BlinnPhong(8.764), brdfcheck.Factor(6, 8 * np.pi)))
+    with pytest.raises(UsageError, match="reflectance must be one finite number"):
+        certify(brdfcheck.Lambert([0.2, 0.3, 0.4]))
+
+
 def test_lobes_that_rise_with_their_angle_are_refused():
     def rising(n):
         return brdfcheck.Normalized(brdfcheck.BinomialPower(n, clamped=False), Constant(1e-30))
@@ -326,11 +335,15 @@ def test_the_checker_stands_alone(tmp_path):
 
 def test_what_is_no_certificate_is_rejected():
     for text, message in (
-        ("{", "not JSON"), ("[]", "not a certificate"), ('{"schema": "other"}', "not a certificate"),
+        ("{", "not JSON"), ("[" * 100_000, "not JSON"), ("[]", "not a certificate"),
+        ('{"schema": "other"}', "not a certificate"),
         ('{"schema": "brdfcheck-certificate", "schema_version": 2}', "schema version must be 1; got 2"),
     ):  # fmt: skip
         with pytest.raises(Rejected, match=message):
             read(text)
+    huge = json.loads(certify("phong").to_json().replace('"A": "2"', '"A": "2e999999999"'))
+    with pytest.raises(Rejected, match="without exponents; got '2e999999999'"):
+        verify(Certificate(huge))
     with pytest.raises(Rejected, match="damaged: KeyError"):
         verify(Certificate({"schema": "brdfcheck-certificate", "schema_version": 1}))
 

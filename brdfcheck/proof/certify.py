@@ -62,10 +62,10 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
         return found
     if len(ends) > 1:
         raise UsageError(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
-    parameter = next(iter(ends), "n")
+    parameter = next(iter(ends), "n" if hasattr(brdf.core, "n") else "reflectance")
     lobe = lobe_of(brdf, family.name, parameter)
     if not ends:
-        value = exact(getattr(brdf.core, "n", getattr(brdf.core, "reflectance", 0)), parameter)
+        value = exact(getattr(brdf.core, parameter), parameter)
         ends[parameter] = value, value
     return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1, most=most)
 
