@@ -313,6 +313,7 @@ def test_the_checker_stands_alone(tmp_path):
     assert len(path.read_text().splitlines()) < 150
     (tmp_path / "good.json").write_text(certify("binomial-power-published").to_json())
     (tmp_path / "bad.json").write_text(certify("binomial-power-half").to_json().replace("26.1702", "26.1699"))
+    (tmp_path / "facets.json").write_text(certify("ggx").to_json())
 
     def run(name: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
@@ -323,12 +324,14 @@ def test_the_checker_stands_alone(tmp_path):
             check=False,
         )
 
-    good, bad = run("good.json"), run("bad.json")
+    good, bad, facets = run("good.json"), run("bad.json"), run("facets.json")
     assert (good.returncode, good.stderr) == (0, "")
     assert good.stdout.startswith("proved: VIOLATES: The directional albedo of (n + 6)/24.55 max(0,")
     assert bad.returncode == 1
     assert len(bad.stderr.splitlines()) == 1
     assert bad.stderr.startswith("rejected: ")
+    allowed = "only constant, power, schlick, truncated-power are checked here: try brdfcheck certify --verify"
+    assert (facets.returncode, facets.stderr) == (1, f"rejected: ValueError: {allowed}\n")
 
 
 def test_what_is_no_certificate_is_rejected():
