@@ -123,8 +123,8 @@ def _check(
     """The gate: do these BRDFs conserve energy?
 
     Finds the largest directional albedo over all parameters and angles, with an error bar, and says what the answer rests on:
-    a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1, or that
-    the search did not settle. Also checks reciprocity, sign and finiteness.
+    a proof, a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1,
+    or that the search did not settle. Also checks reciprocity, sign and finiteness.
     """
     words.refuse_same({"--json": json, "--junitxml": junitxml})
     how = reading(define, include, args, returns)
