@@ -42,8 +42,8 @@ _USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
 class Target:
     """A family, and what is known of it beforehand.
 
-    `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined (None where that is no
-    file named on a command line).
+    `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined, the file as it was
+    named (None where that is no file named on a command line; the line also where a file has none, as a table).
     """
 
     family: Any
@@ -214,7 +214,7 @@ def family_of(
         refuse_batched(value)
         build = varied(value, tuple(ranges)) if ranges else constant(value)
         family = Family(spec, _returning(build, reading), ranges, cosines)
-        return Target(family, _refusal(family, user=True), file, line_of(value))
+        return Target(family, _refusal(family, user=True), file, line_of(value, spec))
     value = directional(value)
     signature = signature_of(value)
     if not ranges and inspect.isclass(value) and issubclass(value, AbstractBRDF):
@@ -255,7 +255,7 @@ def family_of(
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
     family = Family(spec, _returning(build, reading), swept, cosines, held)
-    return Target(family, _refusal(family, user=True), file, line_of(value))
+    return Target(family, _refusal(family, user=True), file, line_of(value, spec))
 
 
 def _returning(build: Callable[..., Any], reading: Reading | None) -> Callable[..., Any]:
