@@ -21,6 +21,7 @@ GROUND = {
     "cores",
     "interruption",
     "documents",
+    "folders",
     "processes",
     "names",
 }
@@ -34,6 +35,7 @@ FLOORS = [
     {"output"},
     {"plots"},
     {"studies", "sweep", "scene", "transport", "budgets"},
+    {"gate"},
     {"cli"},
     {"__main__", "__init__", "lobes", "microfacet"},
 ]

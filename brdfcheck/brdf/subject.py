@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import itertools
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -20,17 +21,16 @@ from brdfcheck.brdf.blame import told
 from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, directional, over_cosine
 from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
-from brdfcheck.brdf.readers.python import line_of
+from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.brdf.values import Range, Values, components
+from brdfcheck.messages import UsageError, one_line, written
 
 if TYPE_CHECKING:
     from brdfcheck.brdf.family import Family
 
 _log = logging.getLogger("brdfcheck")
-
-Range = tuple[float, float]
 
 # Exponents and roughnesses are never directions.
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
@@ -44,12 +44,14 @@ class Target:
 
     `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined, the file as it was
     named (None where that is no file named on a command line; the line also where a file has none, as a table).
+    `entry`: what the family is called without the values that its name ends with (None where it ends with none).
     """
 
     family: Any
     finding: str | None = None
     file: str | None = None
     line: int | None = None
+    entry: str | None = None
 
 
 @dataclass(frozen=True)
@@ -362,18 +364,54 @@ def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
 
 
 def resolve(
-    names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
+    names: Iterable[str], ranges: Mapping[str, Range | Values], cos_theta: Range | None, reading: Reading | None = None
 ) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
-    A user's Python file is imported here, once, however many of its objects are named; `reading`: how shader files are read.
-    Raises UsageError.
+    A user's Python file is imported here, once, however many of its objects are named; ``file.py:*`` names all that it offers.
+    Of a parameter that has several `Values` each makes a target of its own; of a vector they are the components. `reading`:
+    how shader files are read. Raises UsageError.
     """
+    modules: dict[str, ModuleType] = {}
+    every = list(dict.fromkeys(part for name in names for part in _spread(name, modules)))
+    several = {name: bounds for name, bounds in ranges.items() if isinstance(bounds, Values)}
+    held: dict[str, Range] = {name: bounds for name, bounds in ranges.items() if not isinstance(bounds, Values)}
+    if not several:
+        return _resolve(every, held, cos_theta, reading, modules)
+    known = {part for name in every for part in signature_of(named(name, modules, reading)[0]).names}
+    for name in [name for name, values in several.items() if components(name, values).keys() & known]:
+        values = several.pop(name)
+        if len(values) > 4:
+            raise UsageError(f"{name}: a vector has at most 4 components; got {len(values)}")
+        held |= components(name, values)
+    found: dict[str, Target] = {}
+    for place in itertools.product(*several.values()):
+        one = {name: (value, value) for name, value in zip(several, place, strict=True)}
+        for target in _resolve(every, held | one, cos_theta, reading, modules):
+            family, own = target.family, {**target.family.held, **target.family.ranges}
+            called = " ".join((family.name, *(f"{name}={written(low)}" for name, (low, _) in one.items() if name in own)))
+            named_so = dataclasses.replace(family, name=called)
+            found.setdefault(called, dataclasses.replace(target, family=named_so, entry=family.name))
+    return list(found.values())
+
+
+def _spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
+    """The name, or for ``file.py:*`` the specs of all that the file offers."""
+    path, _, last = name.rpartition(":")
+    return offered(path, modules) if last == "*" and path else [name]
+
+
+def _resolve(
+    names: list[str],
+    ranges: Mapping[str, Range],
+    cos_theta: Range | None,
+    reading: Reading | None,
+    modules: dict[str, ModuleType],
+) -> list[Target]:
+    """`resolve` for names of one BRDF each, and ranges."""
     from brdfcheck.brdf.family import Family
 
-    modules: dict[str, ModuleType] = {}
     targets: list[Target] = []
-    names = list(dict.fromkeys(names))
     known_ranges: set[str] = set()
     waiting: list[tuple[int, Any, str]] = []
     for name in names:

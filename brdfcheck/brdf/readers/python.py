@@ -99,13 +99,29 @@ def _import_trouble(error: BaseException, path: Path) -> str:
     return f"{at}{type(error).__name__}: {one_line(error)}"
 
 
+def offered(path: str, modules: dict[str, ModuleType]) -> list[str]:
+    """All that a Python file offers as BRDFs, as specs: its public callables, of ``__all__`` where it has that. UsageError."""
+    if not path.endswith(".py"):
+        raise UsageError(f"{path}:*: only Python files are taken whole; name the function, as in {path}:NAME")
+    if path not in modules:
+        modules[path] = load_module(path)
+    names = _offers(modules[path])
+    if not names:
+        raise UsageError(f"{path}:*: it defines no public callable")
+    return [f"{path}:{name}" for name in names]
+
+
 def _offers(module: ModuleType) -> list[str]:
-    """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours)."""
+    """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours).
+
+    Of a module with ``__all__`` only what that names.
+    """
+    listed = getattr(module, "__all__", None)
     from brdfcheck.brdf.base import AbstractBRDF
 
     found = []
     for name, value in vars(module).items():
-        if name.startswith("_"):
+        if name.startswith("_") or (listed is not None and name not in listed):
             continue
         own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, AbstractBRDF)
         if own and callable(directional(value)):
