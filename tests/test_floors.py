@@ -36,7 +36,7 @@ FLOORS = [
     {"plots"},
     {"studies", "sweep", "scene", "transport", "budgets"},
     {"gate"},
-    {"cli"},
+    {"cli", "pytest_plugin"},
     {"__main__", "__init__", "lobes", "microfacet"},
 ]
 # Imports within a floor, and why.

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import itertools
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -24,8 +23,8 @@ from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
-from brdfcheck.brdf.values import Range, Values, components
-from brdfcheck.messages import UsageError, one_line, written
+from brdfcheck.brdf.values import Range, Values, by_value
+from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from brdfcheck.brdf.family import Family
@@ -374,25 +373,8 @@ def resolve(
     """
     modules: dict[str, ModuleType] = {}
     every = list(dict.fromkeys(part for name in names for part in _spread(name, modules)))
-    several = {name: bounds for name, bounds in ranges.items() if isinstance(bounds, Values)}
-    held: dict[str, Range] = {name: bounds for name, bounds in ranges.items() if not isinstance(bounds, Values)}
-    if not several:
-        return _resolve(every, held, cos_theta, reading, modules)
-    known = {part for name in every for part in signature_of(named(name, modules, reading)[0]).names}
-    for name in [name for name, values in several.items() if components(name, values).keys() & known]:
-        values = several.pop(name)
-        if len(values) > 4:
-            raise UsageError(f"{name}: a vector has at most 4 components; got {len(values)}")
-        held |= components(name, values)
-    found: dict[str, Target] = {}
-    for place in itertools.product(*several.values()):
-        one = {name: (value, value) for name, value in zip(several, place, strict=True)}
-        for target in _resolve(every, held | one, cos_theta, reading, modules):
-            family, own = target.family, {**target.family.held, **target.family.ranges}
-            called = " ".join((family.name, *(f"{name}={written(low)}" for name, (low, _) in one.items() if name in own)))
-            named_so = dataclasses.replace(family, name=called)
-            found.setdefault(called, dataclasses.replace(target, family=named_so, entry=family.name))
-    return list(found.values())
+    known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
+    return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)
 
 
 def _spread(name: str, modules: dict[str, ModuleType]) -> list[str]:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 OTHER = "other"
 """What a finding is called that comes from no check by name."""
+# By how much of what is known to exceed 1 a violation must have shrunk for the entry to be out of date.
+_LESS = 0.99
 
 
 def defects(report: Report) -> list[str]:
@@ -53,7 +55,7 @@ def _compared(report: Report, known: Known) -> tuple[list[str], list[str]]:
     worse += [f"the finding {name!r}" for name in defects(report) if name not in known.findings]
     if known.violates is not None and verdict == "CONSERVES":
         gone.append(f"it conserves energy (known: {known.violates:.10g})")
-    elif known.violates is not None and report.albedo + report.error < known.violates - slack:
+    elif known.violates is not None and report.albedo + report.error - 1 < _LESS * (known.violates - 1):
         gone.append(f"its largest albedo is {report.albedo:.10g} (known: {known.violates:.10g})")
     if known.undecided and verdict != "UNDECIDED":
         gone.append("it is decided")

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Strict, field_validator, model_validator
+from pydantic import Discriminator, Field, Strict, Tag, field_validator, model_validator
 
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import ReadingTable, beside
@@ -69,6 +69,12 @@ class Known(Model):
         return self
 
 
+_Expected = Annotated[
+    Annotated[Known, Tag("table")] | Annotated[Literal["conserves"], Tag("text")],
+    Discriminator(lambda given: "table" if isinstance(given, Mapping | Known) else "text"),
+]
+
+
 class Options(Model):
     """How a BRDF is checked: what a subject and the marker of pytest say of one."""
 
@@ -79,7 +85,7 @@ class Options(Model):
     rtol: _Rtol | None = None
     effort: _Effort | None = None
     reading: ReadingTable = ReadingTable()
-    expect: Literal["conserves"] | Known = "conserves"
+    expect: _Expected = "conserves"
 
     @field_validator("over")
     @classmethod
@@ -209,7 +215,7 @@ def find(folder: Path | None = None) -> Gate | None:
     folder = Path.cwd() if folder is None else folder
     for here in (folder, *folder.parents):
         for name in (OWN, SHARED):
-            if (here / name).is_file() and (found := read(here / name)) is not None:
+            if (here / name).is_file() and (found := read(_near(here) / name)) is not None:
                 return found
         if (here / ".git").exists():
             break
