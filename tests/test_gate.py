@@ -1,91 +1,24 @@
-"""The subjects of a project, known violations, and the cache of verdicts."""
+"""The subjects of a project: its file, known violations, a first draft."""
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
-import sys
-import textwrap
 import tomllib
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax
 import pytest
+from projects import GATE, MINE, Run, Write
 
-import brdfcheck
-from brdfcheck.brdf import catalog
-from brdfcheck.cli import ExitCode, project
-from brdfcheck.gate import cache, config, sources
+from brdfcheck.cli import ExitCode
+from brdfcheck.gate import config
 from brdfcheck.gate.baseline import judged, needed, updated
 from brdfcheck.gate.config import Known
-from brdfcheck.gate.requests import Case, Request, cases
 from brdfcheck.messages import UsageError
-from brdfcheck.output.records import plain
 
-Run = Callable[..., tuple[int, str, str]]
-Write = Callable[..., Path]
-
-MINE = """
-    from brdfcheck import Lambert
-    from gray_of_mine import GRAY
-
-    def matt(k):
-        return Lambert(GRAY * k)
-
-    def bright():
-        return Lambert(1.05)
-
-    _hidden = 3
-    """
-GATE = """
-    effort = "quick"        # for all
-
-    [[subjects]]
-    target = "mine.py:matt"
-    over = { k = { values = [0.25, 1] } }
-
-    # why it is bright
-    [[subjects]]
-    target = "mine.py:bright"
-    [[subjects]]
-    target = "lambert"
-    """
-
-
-@pytest.fixture
-def write(here: Path) -> Write:
-    """Writes a file into the test's folder."""
-
-    def write(name: str, text: str) -> Path:
-        path = here / name
-        path.parent.mkdir(exist_ok=True, parents=True)
-        path.write_text(textwrap.dedent(text))
-        return path
-
-    write("mine.py", MINE)
-    write("gray_of_mine.py", "GRAY = 0.5\n")
-    forget("gray_of_mine")
-    return write
-
-
-def forget(module: str) -> None:
-    """As in a new process: the module is imported again."""
-    sys.modules.pop(module, None)
-
-
-@pytest.fixture
-def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[Path]]]:
-    """Verdicts are kept in a folder of their own; lists them. JAX is as users have it."""
-    monkeypatch.setenv("BRDFCHECK_CACHE", str(tmp_path / "cache"))
-    monkeypatch.delenv(cache.SWITCH)
-    jax.config.update("jax_numpy_dtype_promotion", "standard")
-    yield lambda: sorted((tmp_path / "cache" / "verdicts").glob("??/*.json"))
-    jax.config.update("jax_numpy_dtype_promotion", "strict")
-
+pytest_plugins = ["projects"]
 
 # --- the file ---
 
@@ -241,15 +174,6 @@ def test_quiet_says_only_what_does_not_pass(run: Run, write: Write) -> None:
 # --- known violations ---
 
 
-@pytest.fixture(scope="module")
-def reports() -> dict[str, Any]:
-    return {
-        "bright": brdfcheck.check(brdfcheck.Lambert(1.05), effort="quick"),
-        "matt": brdfcheck.check(brdfcheck.Lambert(0.5), effort="quick"),
-        "one_way": brdfcheck.check("phong-classical", n=(5, 5), effort="quick"),
-    }
-
-
 def known(**given: Any) -> Known:
     return Known(**given, reason="so it is")
 
@@ -346,208 +270,68 @@ def test_what_is_needed_holds_every_report_of_a_subject(reports: dict[str, Any])
         assert judged(report, found).passed
 
 
-# --- sources ---
+# --- init ---
+
+LOOKS = """
+    import not_there
+    class Matt:
+        def __init__(self, albedo):
+            self.albedo = albedo
+        def eval(self, wi, wo):
+            return self.albedo
+    def plain(wi, wo, n, gain=1):
+        return 0
+    def factory(alpha, *, k):
+        return lambda light, view: alpha
+    def help(x):
+        return x
+    def _hidden(wi, wo):
+        return 0
+    """
 
 
-def doubt(text: str, write: Write) -> str:
-    write("other.py", text)
-    try:
-        sources.sources(["other.py:f"])
-    except sources.Doubt as found:
-        return str(found)
-    return ""
+def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here: Path) -> None:
+    write("looks.py", LOOKS)
+    write("mine.py", "raise SystemExit('was run')\ndef f(wi, wo):\n    return 0.25 + 0 * wi[..., 2]\n")
+    write("sub/half.glsl", "uniform float k = 0.5; vec3 half_(vec3 L, vec3 V) { return vec3(k / 3.1415926); }\n")
+    write("sub/helper.glsl", "float h(float x) { return x; }\n")
+    write(".venv/lib/bad.py", "def f(wi, wo): return 0\n")
+    write("env/pyvenv.cfg", "")
+    write("env/bad.py", "def f(wi, wo): return 0\n")
+    write("test_bad.py", "def f(wi, wo): return 0\n")
+    code, shown, err = run("init", "--dry-run")
+    assert code == ExitCode.PASSED
+    assert not (here / "brdfcheck.toml").exists()
+    assert "would write brdfcheck.toml: 5 BRDFs, 2 of which without their ranges" in err
+    assert run("init")[0] == ExitCode.PASSED
+    text = (here / "brdfcheck.toml").read_text()
+    assert text == shown
+    assert "bad" not in text
+    assert "# Left out: sub/helper.glsl: " in text
+    found = tomllib.loads(text)
+    assert [subject["target"] for subject in found["subjects"]] == ["looks.py:plain", "mine.py:f", "sub/half.glsl:half_"]
+    assert found["subjects"][0]["over"] == {"n": [1, 1000]}
+    code, _, err = run("init")
+    assert code == ExitCode.USAGE_ERROR
+    assert "brdfcheck.toml lists the BRDFs of this folder already" in err
+    # The lines that lack a range are as they are meant once they have one.
+    lines = text.replace("[LO, HI]", "[0, 1]").splitlines()
+    told = ("# Say", "# What", "# A vio", "# brdf", "# L")
+    whole = "\n".join(line.removeprefix("# ") for line in lines if not line.startswith(told))
+    assert [subject["target"] for subject in tomllib.loads(whole)["subjects"]][:3] == [
+        "looks.py:Matt", "looks.py:plain", "looks.py:factory",
+    ]  # fmt: skip
+    assert tomllib.loads(whole)["subjects"][2]["over"] == {"alpha": [0.05, 1], "k": [0, 1]}
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("import math, numpy as np\nfrom jax import numpy as jnp\nx = np.pi", ""),
-        ("from gray_of_mine import GRAY", ""),
-        ("import os", "imports os"),
-        ("def f():\n    import random", "random"),
-        ("import numpy as np\nx = np.random.rand()", "uses random"),
-        ("import numpy as np\nx = np.load('lut.npy')", "uses load"),
-        ("from numpy import load as get", "uses load"),
-        ("x = open('lut.txt')", "uses open"),
-        ("import jax\njax.config.update('jax_debug_nans', True)", "uses config"),
-        ("x = exec", "uses exec"),
-        ("import my_installed_package", "imports my_installed_package, which is not beside it"),
-        ("def f(:", "is not Python"),
-    ],
-)
-def test_a_file_that_reaches_further_is_in_doubt(write: Write, text: str, said: str) -> None:
-    found = doubt(text, write)
-    assert said in found
-    assert bool(said) == bool(found)
-
-
-def test_neighbours_count_to_any_depth(write: Write, here: Path) -> None:
-    write("pkg_of_mine/__init__.py", "from .deep import x\n")
-    write("pkg_of_mine/deep.py", "from last_of_mine import x\n")
-    write("last_of_mine.py", "x = 1\n")
-    write("other.py", "import pkg_of_mine\n")
-    assert set(sources.sources(["other.py:f"])) == {
-        "other.py", "pkg_of_mine/__init__.py", "pkg_of_mine/deep.py", "last_of_mine.py",
-    }  # fmt: skip
-    write("last_of_mine.py", "import time\n")
-    with pytest.raises(sources.Doubt, match="imports time"):
-        sources.sources(["other.py:f"])
-
-
-def test_includes_count_and_those_by_macros_are_in_doubt(write: Write) -> None:
-    write("s.glsl", '#include "a.inc"\n#if 0\n  #  include <b.inc>\n#endif\n')
-    write("a.inc", "float x;\n")
-    write("inc/b.inc", '#include "c.inc"\n')
-    write("inc/c.inc", "float y;\n")
-    found = sources.sources(["s.glsl:f"], ["inc"])
-    assert {path.name for path in found.values()} == {"s.glsl", "a.inc", "b.inc", "c.inc"}
-    with pytest.raises(sources.Doubt, match=r"b\.inc, which is not there"):
-        sources.sources(["s.glsl:f"])
-    write("s.glsl", "#define A <b.inc>\n#include A\n")
-    with pytest.raises(sources.Doubt, match="depends on macros"):
-        sources.sources(["s.glsl:f"], ["inc"])
-    with pytest.raises(sources.Doubt, match="Mitsuba"):
-        sources.sources(["mitsuba:principled"])
-
-
-# --- the cache ---
-
-
-def test_what_has_not_changed_is_not_checked_again(
-    run: Run, write: Write, kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write("brdfcheck.toml", GATE)
-    first = run("check", "--json", "-")[1]
-    assert len(kept()) == 3
-    counted: list[str] = []
-    module = importlib.import_module("brdfcheck.verdict.check")
-    original = module.check_family
-
-    def counting(family: Any, **options: Any) -> Any:
-        counted.append(family.name)
-        return original(family, **options)
-
-    monkeypatch.setattr(module, "check_family", counting)
-    second = run("check", "--json", "-")[1]
-    assert counted == []
-    one, two = json.loads(first), json.loads(second)
-    assert [result.pop("cached") for result in two["results"]] == [True] * 4
-    assert [result.pop("cached") for result in one["results"]] == [False] * 4
-    assert one["results"] == two["results"]
-    # A neighbour counts: both BRDFs of mine.py are checked again, and that of the catalogue is not.
-    write("gray_of_mine.py", "GRAY = 0.75\n")
-    forget("gray_of_mine")
-    out = run("check")[1]
-    assert sorted(counted) == ["mine.py:bright", "mine.py:matt k=0.25", "mine.py:matt k=1"]
-    assert "1 of 4 from the cache" in out
-    assert "albedo 0.7500000000" in out
-    for words in (["--no-cache"], ["--tolerance", "1e-6"], ["--effort", "normal"]):
-        counted.clear()
-        run("check", "-k", "bright", *words)
-        assert counted == ["mine.py:bright"], words
-    counted.clear()
-    monkeypatch.setenv(cache.SWITCH, "0")
-    run("check", "-k", "bright")
-    assert counted == ["mine.py:bright"]
-
-
-def test_an_entry_that_is_damaged_costs_time_only(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
-    assert run("check", "lambert")[0] == ExitCode.PASSED
-    (entry,) = kept()
-    for damage in ("albino", "{"):
-        entry.write_text(entry.read_text().replace("albedo", damage))
-        code, out, _ = run("check", "lambert")
-        assert code == ExitCode.PASSED
-        assert "cache" not in out
-    assert "all from the cache" in run("check", "lambert")[1]
-
-
-def test_what_cannot_be_told_is_not_kept(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
-    write("timed.py", "import time\nfrom brdfcheck import Lambert\ndef f():\n    return Lambert(time.time() % 0.5)\n")
-    write("raises.py", "def f(wi, wo):\n    raise RuntimeError('no')\n")
-    run("check", "timed.py:f", "raises.py:f", "--effort", "quick")
-    assert kept() == []
-    jax.config.update("jax_numpy_dtype_promotion", "strict")
-    run("check", "lambert")
-    assert kept() == []
-
-
-def test_a_file_that_changes_while_it_is_checked_is_not_kept(
-    write: Write, kept: Callable[[], list[Path]], here: Path, reports: dict[str, Any]
-) -> None:
-    verdicts, request = cache.Verdicts(), Request(("mine.py:bright",))
-    assert verdicts.found(request) is None
-    write("mine.py", MINE.replace("1.05", "1.5"))
-    found = cases(request)
-    verdicts.keep(request, found, [reports["bright"]])
-    assert kept() == []
-    forget("gray_of_mine")
-    fresh = cache.Verdicts()
-    assert fresh.found(request) is None
-    fresh.keep(request, found, [reports["bright"]])
-    assert len(kept()) == 1
-    known_again = cache.Verdicts().found(request)
-    assert known_again is not None
-    assert plain(known_again[0].report) == plain(reports["bright"])
-    # A module that mine.py imports had been imported by somebody else before: who knows when.
-    cases(request)
-    late = cache.Verdicts()
-    kept()[0].unlink()
-    assert late.found(request) is None
-    late.keep(request, found, [reports["bright"]])
-    assert kept() == []
-
-
-def test_versions_options_and_registered_names_are_part_of_it(
-    kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch, reports: dict[str, Any]
-) -> None:
-    keys = set()
-    requests = [Request(("lambert",)), Request(("phong",)), Request(("phong",), {"n": (1.0, 2.0)})]
-    for request in requests:
-        keys.add(cache.Verdicts()._key(request)[0])
-    monkeypatch.setenv("XLA_FLAGS", "--xla_something")
-    keys.add(cache.Verdicts()._key(requests[0])[0])
-    monkeypatch.delenv("XLA_FLAGS")
-    monkeypatch.setattr(cache, "_package", lambda: "another version")
-    keys.add(cache.Verdicts()._key(requests[0])[0])
-    assert len(keys) == 5
-
-
-def test_a_name_that_was_registered_is_not_kept(
-    kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch, reports: dict[str, Any]
-) -> None:
-    entry = catalog.entry("lambert")
-    monkeypatch.setitem(catalog._CATALOG.entries, "somebody", replace(entry, family=replace(entry.family, name="somebody")))
-    verdicts = cache.Verdicts()
-    for name in ("somebody", "lambert"):
-        request = Request((name,))
-        assert verdicts.found(request) is None
-        verdicts.keep(request, [Case(request, name, None, None, name)], [reports["matt"]])
-        assert len(kept()) == (name == "lambert")
-
-
-# --- watching ---
-
-
-def test_a_file_that_is_saved_is_checked_again(write: Write, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    runs: list[int] = []
-    request = Request(("mine.py:bright",))
-    looks = iter([None, "gray_of_mine.py", None, "mine.py", KeyboardInterrupt])
-
-    def pause() -> None:
-        found = next(looks)
-        if found is KeyboardInterrupt:
-            raise KeyboardInterrupt
-        if isinstance(found, str):
-            write(found, (here / found).read_text() + "\n# saved\n")
-
-    with pytest.raises(KeyboardInterrupt):
-        project.again(lambda: runs.append(1), lambda: sources.watched(request.names), pause)
-    assert len(runs) == 3
-    assert "watching 2 files" in capsys.readouterr().err
-
-
-def test_what_is_in_doubt_is_watched_with_its_neighbours(write: Write) -> None:
-    write("doubtful.py", "import os\n")
-    assert {path.name for path in sources.watched(["doubtful.py:f"])} == {"doubtful.py", "mine.py", "gray_of_mine.py"}
-    assert sources.watched(["lambert"]) == set()
+def test_init_adds_to_a_pyproject(run: Run, write: Write, here: Path) -> None:
+    path = write("pyproject.toml", '[project]\nname = "x"  # kept')
+    assert run("init")[0] == ExitCode.PASSED
+    assert path.read_text().startswith('[project]\nname = "x"  # kept\n\n#')
+    found = config.find()
+    assert found is not None
+    assert [subject.target for subject in found.document.subjects] == ["mine.py:bright"]
+    assert "pyproject.toml lists the BRDFs" in run("init")[2]
+    for name in ("mine.py", "gray_of_mine.py", "pyproject.toml"):
+        (here / name).unlink()
+    assert run("init")[0] == ExitCode.NOTHING_TO_CHECK

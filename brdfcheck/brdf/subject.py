@@ -33,8 +33,8 @@ _log = logging.getLogger("brdfcheck")
 
 # Exponents and roughnesses are never directions.
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
-# What a parameter runs over when a class of this package is given without ranges.
-_USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
+USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
+"""What a parameter runs over when a class of this package is given without ranges."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def family_of(
     value = directional(value)
     signature = signature_of(value)
     if not ranges and inspect.isclass(value) and issubclass(value, AbstractBRDF):
-        ranges = {name: _USUAL_RANGES[name] for name in signature.required if name in _USUAL_RANGES}
+        ranges = {name: USUAL_RANGES[name] for name in signature.required if name in USUAL_RANGES}
     unknown = [name for name in ranges if name not in signature.names]
     if unknown and not signature.open:
         raise UsageError(no_parameter(spec, unknown[0], signature.names))
