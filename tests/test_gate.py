@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import projects
 import pytest
 from projects import GATE, MINE, Run, Write
 
@@ -18,7 +19,7 @@ from brdfcheck.gate.baseline import judged, needed, updated
 from brdfcheck.gate.config import Known
 from brdfcheck.messages import UsageError
 
-pytest_plugins = ["projects"]
+write, reports = projects.write, projects.reports
 
 # --- the file ---
 

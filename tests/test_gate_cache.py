@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import projects
 import pytest
 from projects import GATE, MINE, Run, Write, forget
 
@@ -24,7 +25,7 @@ from brdfcheck.gate import cache, sources
 from brdfcheck.gate.requests import Case, Request, cases
 from brdfcheck.output.records import plain
 
-pytest_plugins = ["projects"]
+write, kept, reports = projects.write, projects.kept, projects.reports
 
 # --- sources ---
 
