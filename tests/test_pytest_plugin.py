@@ -8,6 +8,7 @@ from pathlib import Path
 
 import matplotlib.figure  # noqa: F401 - sessions in this process forget what they import
 import pytest
+from test_docs import files
 
 import brdfcheck
 import brdfcheck.gate.testing
@@ -289,6 +290,14 @@ def test_with_xdist(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, 
     result.assert_outcomes(passed=4, failed=1)
     # All that is of files that are understood is in the cache now.
     assert len(list((pytester.path / "cache" / "verdicts").glob("??/*.json"))) == 4
+
+
+@pytest.mark.slow
+def test_the_tests_of_the_docs(pytester: pytest.Pytester, session: Run) -> None:
+    for name, text in files().items():
+        if name in ("mine.py", "test_mine.py"):
+            (pytester.path / name).write_text(text)
+    session().assert_outcomes(passed=3)
 
 
 def test_the_entry_point_names_the_plugin() -> None:
