@@ -197,7 +197,7 @@ def test_what_is_no_table(mine):
     cases = {
         ("ggx", ("alpha", 0.1, 1.0), ("roughness", 0.1, 1.0)): "alpha and roughness have ranges",
         ("ggx", ("beta", 0.1, 1.0)): "no parameter 'beta'",
-        ("phong", ("n", -2.0, 3.0)): "n must be >= 0",
+        ("phong", ("n", -2.0, 3.0)): "n must be a finite number >= 0",
         ("mine.py:plain", ("F0", 0.1, 1.0)): "k must be given a range",
         ("mine.py:missing",): "missing",
     }
@@ -241,7 +241,7 @@ def test_the_compensated_albedo_is_1_less_what_the_look_up_is_above(table):
 
 
 def test_above_1_there_is_nothing_to_compensate(mine):
-    with pytest.raises(UsageError, match=r"albedo is 1\.1\d* at .*above 1"):
+    with pytest.raises(UsageError, match=r"albedo is 1.08333 at k=1.08333, .*above 1"):
         compensation(renderer_table("mine.py:bright", {"k": (0.5, 1.2)}, size=(3, 3)))
 
 
@@ -386,7 +386,7 @@ def test_the_header_compiles_and_looks_up(table, tmp_path):
 
         for column, part in zip(found.T, (grid.values, own.average[0][:, None] + 0 * grid.values, own.bias[0]), strict=True):
             assert np.max(np.abs(column - looked_up(part))) <= 1e-6
-        assert np.array_equal(found[: grid.values.size, 0].astype(np.float32), grid.values.astype(np.float32).ravel())
+        assert np.max(np.abs(found[: grid.values.size, 0] - grid.values.ravel())) <= 2.5e-7  # at the nodes, in float
 
 
 # What C++ lacks of GLSL and HLSL; with -fsingle-precision-constant its literals would be float, which they are there.
@@ -411,7 +411,7 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
         text = SHIM + re.sub(r"^(float2?|vec2) ", r"static \1 ", text, flags=re.M)
     more = "ggx_compensation(0.5, 0.25, 0.75)"
     numbers = f"(double)ggx_albedo(p, mu), (double)ggx_average(p), s, b, (double){more}"
-    values = f'{pair} std::printf("%.12g %.12g %.12g %.12g %.12g\\n", {numbers});'
+    values = f'{pair} std::printf("%.17g %.17g %.17g %.17g %.17g\\n", {numbers});'
     points = points_of(table)
     albedo_, average, scale, bias, extra = compiled(tmp_path, program(text, values), points).T
     rounding = 1e-12 if kind == "h" else 3e-5

@@ -178,8 +178,8 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
     kinds = [_kind(path) for path in paths]
     rows, columns = settings["size"]
     added, report, fits = None, None, None
-    try:
-        with contextlib.redirect_stdout(sys.stderr), output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
+    with contextlib.redirect_stdout(sys.stderr), output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
+        try:
             table = renderer_table(
                 settings["name"],
                 settings["over"],
@@ -204,9 +204,9 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
             if verify and added is not None:
                 show("checking the compensated BRDF")
                 report = checked(added)
-    except Finding as finding:
-        output.line(f"{settings['name']}  cannot be evaluated: {one_line(finding)}")
-        return ExitCode.FAILED
+        except Finding as finding:
+            output.line(f"{settings['name']}  cannot be evaluated: {one_line(finding)}")
+            return ExitCode.FAILED
     line = _command(settings, how, paths)
     metadata = renderer_metadata(table, added, report, command=line)
     for path, kind in zip(paths, kinds, strict=True):
