@@ -62,13 +62,15 @@ class CompactFits:
         return None if self.share is None else white.max_error + self.share.max_error * (1 + white.max_error)
 
 
-def compact_fits(table: RendererTable) -> CompactFits:
-    """The fits of a table's quantities, over the whole range from its first node on. Raises as `fit_albedo` does."""
+def compact_fits(table: RendererTable, degree: tuple[int, int] | None = None) -> CompactFits:
+    """The fits of a table's quantities, over the whole range from its first node on. `degree`, raises: as for `fit_albedo`."""
     found = table.sources
-    share = fit_share(found.white, found.bias) if table.bias is not None and found.white and found.bias else None
-    white = fit_albedo(found.white) if share is not None and found.white and found.white is not found.family else None
+    share, white = None, None
+    if table.bias is not None and found.white is not None and found.bias is not None:
+        share = fit_share(found.white, found.bias, degree)
+        white = None if found.white is found.family else fit_albedo(found.white, degree=degree)
     average = _fit_average(table) if table.average is not None else None
-    return CompactFits(fit_albedo(found.family), white, share, average)
+    return CompactFits(fit_albedo(found.family, degree=degree), white, share, average)
 
 
 def _fit_average(table: RendererTable) -> AverageFit:

@@ -165,7 +165,7 @@ def fit_albedo(
         return problem.fit(DEGREES if degree is None else ((degree[0], degree[1]),))
 
 
-def fit_share(family: Family, part: Family) -> AlbedoFit:
+def fit_share(family: Family, part: Family, degree: tuple[int, int] | None = None) -> AlbedoFit:
     """The share of the albedo of `family` that `part` has, as `fit_albedo` fits an albedo: their quotient.
 
     Both are over the same parameter. Smooth where both have the same layer at grazing incidence. Raises as `fit_albedo` does.
@@ -182,7 +182,7 @@ def fit_share(family: Family, part: Family) -> AlbedoFit:
             return share, (own + np.abs(share) * error) / np.abs(whole)
 
     with double_precision():
-        return _Problem(family, Share).fit(DEGREES)
+        return _Problem(family, Share).fit(DEGREES if degree is None else (degree,))
 
 
 def _is_degree(degree: Any) -> bool:
