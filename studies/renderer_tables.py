@@ -3,19 +3,24 @@
 
 Command: ``brdfcheck study renderer_tables`` (or ``python studies/renderer_tables.py``). A minute on two cores.
 
-Answer: PENDING 1
+Answer: 0.4 seconds of one core for 64 x 64 albedos of GGX, off by 4e-14 with bars of 8e-9. A plain Gauss rule in numpy has
+four digits in twice as long, Mitsuba's sampling two in ten times. Of the formulas in place of a table MaterialX's rational fit
+is off by 0.11, with 203 of 4,096 cells above 1, the approximation for mobile hardware by 0.51 at grazing incidence; the
+functions that `brdfcheck table` writes, with 50 coefficients, by 0.011.
 
 Height-correlated Smith masking, alpha = roughness^2, nodes in the middle of 64 x 64 texels. Errors of the ways to make a table
-are those on 32 cells, against a Gauss rule in numpy with 256 nodes an axis; times are of one table of E on one core, the
-fastest of three, and of Mitsuba that of 24 cells times as many. The formulas are measured against the table of `brdfcheck
-table`. Peers take part where they are installed.
+are those on 32 cells of roughness 0.32 and more, where the rule in numpy with 600 nodes an axis is a reference; times are
+seconds of CPU on one core, programs compiled, and of Mitsuba those of 24 cells one by one. The formulas are measured against
+the table of `brdfcheck table`. Peers take part where they are installed.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Any
 
-ORDERS = (8, 16, 32)
+ORDERS = (16, 32, 64)
 SAMPLES = (2**10, 2**14)
 # Rows and columns of the 64 at which ways to make a table are compared.
 ROWS, COLUMNS = (20, 34, 48, 63), (0, 2, 5, 11, 23, 32, 48, 63)
@@ -26,8 +31,8 @@ def run(size: str = "full") -> dict[str, Any]:
     """Times and errors of ways to make the table of E; errors of formulas for the split sum (small: 16 x 16, ours alone)."""
     import numpy as np
 
-    from _instruments import renderer, timing
-    from _instruments.peers import PEERS
+    from _instruments import renderer
+    from _instruments.peers import PEERS, metal_table
     from brdfcheck import GGX, albedo_table
     from brdfcheck.cores import on_one_core
     from brdfcheck.fits.compact import compact_fits
@@ -38,8 +43,8 @@ def run(size: str = "full") -> dict[str, Any]:
     nodes = (np.arange(count) + 0.5) / count
     few = np.ix_(*(np.unique(np.array(part) * count // 64) for part in (ROWS, COLUMNS)))
     rows, columns = nodes[few[0][:, 0]], nodes[few[1][0]]
-    exact = renderer.numpy_table(rows**2, columns, 256 if full else 64)
-    results, missing = [], {}
+    exact = renderer.numpy_table(rows**2, columns, 600 if full else 64)
+    results: list[dict[str, Any]] = []
 
     def add(way: str, setting: str, seconds: float, values: Any, claimed: float | None = None) -> None:
         error = float(np.max(np.abs(np.asarray(values) - exact)))
@@ -47,24 +52,21 @@ def run(size: str = "full") -> dict[str, Any]:
 
     with on_one_core():
         for rtol in (1e-6, None):
-            made = [None]
 
-            def table(rtol: float | None = rtol, made: list[Any] = made) -> Any:
-                made[0] = albedo_table(GGX, nodes**2, nodes, rtol=rtol)
-                return np.asarray(made[0].value)
+            def table(rtol: float | None = rtol) -> tuple[Any, Any]:
+                found = albedo_table(GGX, nodes**2, nodes, rtol=rtol)
+                return np.asarray(found.value), np.asarray(found.error)
 
-            seconds = timing.fastest(table, 3)
-            value, error = np.asarray(made[0].value)[few], np.asarray(made[0].error)
-            add("brdfcheck", "best" if rtol is None else f"rtol {rtol:g}", seconds, value, float(np.max(error)))
+            seconds = min([_seconds(table) for _ in range(4)][1:])
+            value, error = table()
+            add("brdfcheck", "best" if rtol is None else f"rtol {rtol:g}", seconds, value[few], float(np.max(error)))
         for order in ORDERS if full else ORDERS[:1]:
-            seconds = timing.fastest(lambda order=order: renderer.numpy_table(nodes**2, nodes, order), 1)
+            seconds = _seconds(lambda order=order: renderer.numpy_table(nodes**2, nodes, order))
             add("numpy", f"{order} x 2 x {order}", seconds, renderer.numpy_table(rows**2, columns, order))
-    mitsuba = PEERS["mitsuba"]
-    missing = {name: PEERS[name].missing() for name in ("mitsuba", "scipy-dblquad")}
-    if full and missing["mitsuba"] is None:
-        results += _mitsuba(mitsuba, rows, columns, exact)
+        missing = {"mitsuba": PEERS["mitsuba"].missing(), "scipy with numba": metal_table.missing()}
+        if full and missing["mitsuba"] is None:
+            results += _mitsuba(PEERS["mitsuba"], rows, columns)
     ours = renderer_table("ggx", {"roughness": (0, 1)}, size=(count, count))
-    assert ours.scale is not None and ours.bias is not None
     roughness, mu = np.meshgrid(nodes, nodes, indexing="ij")
     fits = compact_fits(ours, None if full else (2, 1))
     assert fits.share is not None
@@ -77,10 +79,14 @@ def run(size: str = "full") -> dict[str, Any]:
     return {"settings": {"count": count, "missing_peers": missing}, "results": results, "summary": summary}
 
 
-def _mitsuba(peer: Any, rows: Any, columns: Any, exact: Any) -> list[dict[str, Any]]:
-    """Its own sampling of the separable form, which is what it has: off by its noise against a table of that form."""
-    import time
+def _seconds(job: Callable[[], object]) -> float:
+    began = time.process_time()
+    job()
+    return time.process_time() - began
 
+
+def _mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
+    """Its own sampling of the separable form, which is what it has: off by its noise against a table of that form."""
     import jax
     import numpy as np
 
@@ -92,9 +98,9 @@ def _mitsuba(peer: Any, rows: Any, columns: Any, exact: Any) -> list[dict[str, A
         rule, cells = peer(samples), [(i, j) for i in range(len(rows)) for j in range(len(columns))][:MITSUBA_CELLS]
         lobes = {i: GGX(rows[i] ** 2, masking="smith-separable") for i in range(len(rows))}
         rule.compute(lobes[0], columns[0], jax.random.key(1))
-        began = time.perf_counter()
+        began = time.process_time()
         values = [float(rule.compute(lobes[i], columns[j], jax.random.key(k)).value) for k, (i, j) in enumerate(cells)]
-        seconds = (time.perf_counter() - began) / len(cells) * 64 * 64
+        seconds = (time.process_time() - began) / len(cells) * 64 * 64
         error = max(abs(value - own[cell]) for value, cell in zip(values, cells, strict=True))
         found.append({"way": "Mitsuba", "setting": f"{samples} samples", "seconds": seconds, "error": error, "claimed": None})
     return found
@@ -131,16 +137,26 @@ def plot(record: dict[str, Any]) -> Any:
             own = [result for result in record["results"] if result["way"] == way]
             left.plot([r["seconds"] for r in own], [r["error"] for r in own], "o-", color=colors[way], label=way)
         left.set(xscale="log", yscale="log", xlabel="seconds for one table of E, one core", ylabel="largest error")
+        _decades(left.set_xticks, range(-1, 4))
+        _decades(left.set_yticks, range(-14, 0, 2))
         count = record["settings"]["count"]
         nodes = [(k + 0.5) / count for k in range(count)]
         for formula in record["summary"]["formulas"]:
             label = f"{formula['name']}{', functions' if formula['name'] == 'brdfcheck' else ''}"
             right.plot(nodes, formula["by_row"], color=colors.get(formula["name"], "#CC79A7"), label=label)
         right.set(yscale="log", xlabel="roughness", ylabel="largest error of scale + bias = E")
+        _decades(right.set_yticks, range(-4, 1))
         for axes in (left, right):
+            axes.minorticks_off()
             axes.grid(True)
-            axes.legend(fontsize=8)
+            axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return figure
+
+
+def _decades(ticks: Callable[..., object], powers: range) -> None:
+    from brdfcheck.plots import superscript
+
+    ticks([10.0**k for k in powers], [f"10{superscript(k)}" for k in powers])
 
 
 def summary(record: dict[str, Any]) -> str:
@@ -172,7 +188,7 @@ def summary(record: dict[str, Any]) -> str:
     count = record["settings"]["count"]
     absent = "; ".join(f"{message}" for message in record["settings"]["missing_peers"].values() if message) or "none"
     return (
-        f"A table of E, {count} x {count} cells, on one core; the largest bar beside the largest error:\n\n"
+        f"A table of E, {count} x {count} cells, in seconds of CPU on one core; the largest bar beside the largest error:\n\n"
         f"{table(('way', 'setting', 'seconds', 'error', 'claimed'), ways)}\n\n"
         "Formulas for the split sum against the table, with error bars of 1e-8:\n\n"
         f"{table(('formula', 'scale', 'bias', 'E', 'rms of E', 'worst at', 'cells above 1'), formulas)}\n\n"

@@ -153,7 +153,10 @@ def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence
         parts.extend(comment(words))
         parts.append(text + "\n")
 
-    function(f"Directional albedo E, {told(albedo)}.", _albedo_function(language, albedo, f"{prefix}_albedo"))
+    function(
+        f"Directional albedo E, {told(albedo)}. Never clamped: it may exceed 1 by the error.",
+        _albedo_function(language, albedo, f"{prefix}_albedo"),
+    )
     if average is not None:
         words = f"Average albedo 2 int E(mu) mu dmu, off by at most {average.max_error:.2g} on {average.checked} points."
         function(words, _average_function(language, average, f"{prefix}_average", parameter))
