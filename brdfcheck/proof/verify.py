@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 from brdfcheck.messages import one_line
-from brdfcheck.proof import facets
+from brdfcheck.proof import facets, functions
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
@@ -60,6 +60,8 @@ def _refuse_exponents(value: Any) -> None:
 
 def _proved(record: Mapping[str, Any]) -> Certificate:
     """The certificate that the numbers of this one prove. Rejected where they prove none."""
+    if record["lobe"]["kind"] == functions.KIND:
+        raise Rejected("it is of a program, and does not hold its boxes: brdfcheck certify finds them again")
     if record["lobe"]["kind"] not in KINDS:
         ranges = {
             name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()
