@@ -11,7 +11,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
-from brdfcheck.proof import facets, functions
+from brdfcheck.proof import facets, functions, mixtures
 from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
@@ -74,11 +74,17 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
 
     Raises Unknown for what is no formula of the theorems.
     """
-    brdf = built(family)
     ends: dict[str, Ends] = {}
     for name, (low, high) in family.ranges.items():
         low, high = (ranges or {}).get(name, (low, high))
         ends[name] = exact(low, name), None if high == math.inf else exact(high, name)
+    try:
+        whole = mixtures.certificate(family, ends, lambda part: certify_family(part, ranges, most=most))
+    except NotProved as error:  # boxes may tell
+        raise Unknown(f"{family.name}: {error}") from None
+    if whole is not None:
+        return whole
+    brdf = built(family)
     known = facets_of(brdf) or point_of(brdf)
     if known is not None:
         found = facets.certificate(known, ends, exact(family.cos_theta[0], "cos_theta"))
