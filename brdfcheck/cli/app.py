@@ -68,6 +68,7 @@ Examples:
   brdfcheck check phong ggx              two of them
   brdfcheck check mine.py:glossy         a BRDF of your own
   brdfcheck audit                        what the literature claims, measured
+  brdfcheck view mine.py:glossy          the same, as a page to look through
   brdfcheck certify blinn-phong-6        a proof, as a certificate to check again
   brdfcheck fit blinn-phong              the factor that normalises a lobe
   brdfcheck sweep config.toml --out S    albedos over a grid, into a Zarr store

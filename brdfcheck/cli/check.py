@@ -31,6 +31,7 @@ from brdfcheck.cli.app import (
     start,
 )
 from brdfcheck.cli.output import Output
+from brdfcheck.cli.reports import Badge, Files, Html, JUnit, Sarif
 from brdfcheck.cores import available_cores
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ Examples:
   brdfcheck check
   brdfcheck check blinn-phong --over n=1:50
   brdfcheck check -k phong --json results.json --junitxml results.xml
+  brdfcheck check mine.py:glossy --over n=1:1000 --html report.html --sarif results.sarif
   brdfcheck check mine.py:glossy --over n=1:1000 --over ks=0:1
   brdfcheck check mine.py:measured --cos-theta 0.02:1 --json -
   brdfcheck check disney.brdf --over metallic=1
@@ -91,7 +93,7 @@ Exit codes:
      undecided, or have findings    5  nothing to check
   2  interrupted""",
 )
-def _check(
+def check_command(
     names: Annotated[
         list[str] | None,
         typer.Argument(
@@ -112,9 +114,10 @@ def _check(
     rtol: Rtol = None,
     substring: Filter = "",
     json: Json = None,
-    junitxml: Annotated[
-        str | None, typer.Option("--junitxml", metavar="FILE", parser=words.file(), help="Write the results as JUnit XML.")
-    ] = None,
+    junitxml: JUnit = None,
+    sarif: Sarif = None,
+    badge: Badge = None,
+    html: Html = None,
     effort: Effort = "normal",
     jobs: Jobs = None,
     debug: Debug = False,
@@ -125,7 +128,7 @@ def _check(
     a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1, or that
     the search did not settle. Also checks reciprocity, sign and finiteness.
     """
-    words.refuse_same({"--json": json, "--junitxml": junitxml})
+    files = Files(json, junitxml, sarif, badge, html)
     how = reading(define, include, args, returns)
     own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta, **how.record}
     settings = _settings(substring, tolerance, rtol, effort, jobs, **own)
@@ -141,7 +144,7 @@ def _check(
     if tolerance is None:  # where BRDFs differ, each report says its own
         settings["tolerance"] = min(target.family.tolerance for target in targets)
         settings["own_tolerances"] = len({target.family.tolerance for target in targets}) > 1
-    return _run("check", targets, settings, Output(json), began, junitxml)
+    return run_checks("check", targets, settings, Output(json), began, files)
 
 
 @command(
@@ -151,12 +154,14 @@ Examples:
   brdfcheck audit
   brdfcheck audit -k cook-torrance
   brdfcheck audit --json audit.json
+  brdfcheck audit --html audit.html
 
 Exits with 0 whatever the verdicts are: it reports on the literature.""",
 )
 def _audit(
     substring: Filter = "",
     json: Json = None,
+    html: Html = None,
     tolerance: Tolerance = 1e-9,
     rtol: Rtol = None,
     effort: Effort = "normal",
@@ -164,6 +169,7 @@ def _audit(
     debug: Debug = False,
 ) -> int:
     """What the literature claims about its BRDFs, and what is measured."""
+    files = Files(json=json, html=html)
     began = time.perf_counter()
     start()
     from brdfcheck.brdf import catalog
@@ -172,7 +178,7 @@ def _audit(
     names = filtered([entry.name for entry in catalog.entries() if not entry.validated], substring)
     targets = [Target(catalog.entry(name).family) for name in names]
     settings = _settings(substring, tolerance, rtol, effort, jobs)
-    return _run("audit", targets, settings, Output(json), began, None)
+    return run_checks("audit", targets, settings, Output(json), began, files)
 
 
 def _settings(
@@ -193,15 +199,15 @@ def _settings(
     }
 
 
-def _run(
+def run_checks(
     command: str,
     targets: Sequence[Target],
     settings: Mapping[str, Any],
     output: Output,
     began: float,
-    junit: str | None,
+    files: Files,
 ) -> int:
-    """Evaluate, print and write. An audit says what was claimed besides, and never fails."""
+    """Evaluate, print and write what `files` says. An audit says what was claimed besides, and never fails."""
     from brdfcheck.brdf import catalog
     from brdfcheck.output import records
     from brdfcheck.output import text as console
@@ -230,11 +236,8 @@ def _run(
             if not report.passed:
                 place = {"file": target.file, "line": target.line}
                 output.line(records.github_error(f"brdfcheck: {report.name}", console.message(report), **place))
-    if junit:
-        messages = [console.message(report) for report in reports]
-        classes = ["brdfcheck.user" if target.file else "brdfcheck.catalog" for target in targets]
-        text = records.to_junit(reports, messages, seconds=seconds, classnames=classes)
-        output.save(junit, text, "--junitxml")
+    with contextlib.redirect_stdout(sys.stderr):  # a user's code may print while it is drawn
+        files.write(output, targets, reports, settings=settings, seconds=seconds, exit_code=code, claims=claims or None)
     pairs = zip(targets, reports, strict=True)
     results = [records.to_json_object(report) | _origin(target, claims) for target, report in pairs]
     summary = {**counts, "seconds": seconds, "exit_code": int(code)}
