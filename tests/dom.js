@@ -40,6 +40,7 @@ class Node {
     return {
       add: (name) => write(names().add(name)),
       remove: (name) => write(new Set([...names()].filter((other) => other !== name))),
+      contains: (name) => names().has(name),
       toggle: (name, on) => (on ? this.classList.add(name) : this.classList.remove(name)),
     };
   }

@@ -23,7 +23,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import load
 from brdfcheck.cli import ExitCode
 from brdfcheck.cli.view import _has_display
-from brdfcheck.fits.slices import AZIMUTH, Slices, slices
+from brdfcheck.fits.slices import AZIMUTH, Axis, Slices, slices
 from brdfcheck.output.html import Entry, heading, page
 from brdfcheck.output.html.tables import NO_VALUE, encoded, squeezed, table_object
 from brdfcheck.verdict import Report, Verdict
@@ -267,14 +267,24 @@ def test_sweep_writes_a_page(run: Any, here: Path) -> None:
 # --- the script ---
 
 
+def in_node(text: str, folder: Path, asked: list[str]) -> dict[str, Any]:
+    """What happens on a page, and what expressions are in its script."""
+    path = folder / "page.html"
+    path.write_text(text, encoding="utf-8")
+    command = [str(NODE), str(Path(__file__).with_name("dom.js")), str(path)]
+    done = subprocess.run(command, input=json.dumps(asked), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
 @pytest.mark.skipif(NODE is None, reason="node is not installed: the script of a page is not run")
 def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
-    path = tmp_path / "page.html"
-    path.write_text(text, encoding="utf-8")
     object_ = table_object(published, 1e-9)
     ramp = [0.2 * column + 0.1 * row for row in range(3) for column in range(11)]
     scale = "{low: 0, high: 2, limit: 1}"
     middle = 4 * (20 * 40 + 20)
+    rows = "{values: [0, 1, 2], position: [0, 0.5, 1]}"
+    columns = json.dumps({"values": list(range(11)), "position": [k / 10 for k in range(11)]})
     asked = [
         f"decode({json.dumps(object_['tables'][''][0])}, {object_['low']}, {object_['high']})",
         "[locate([0, 1, 4], -1), locate([0, 1, 4], 2.5), locate([0, 1, 4], 9), locate([3], 3)]",
@@ -288,13 +298,10 @@ def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
         "axisTicks({name: 'n', values: [1, 10, 100, 1000], position: [0, 1/3, 2/3, 1]}, 4)",
         "Array.from(spherePixels(40, {values: [0, 90]}, [[1, 1]], 1.001, true)).filter((_, i) => i % 4 < 3)",
         f"Array.from(spherePixels(40, {{values: [0, 90]}}, [[1.1, 1.1]], 1.001, true)).slice({middle}, {middle + 3})",
+        f"Array.from(heatPixels({ramp}, {rows}, {columns}, {scale}, 22, 30))",
         "sliceFor({tables: {'0,0': 1, '1,0': 1, '0,1': 1}, others: [{at: 0}, {at: 0}]}, [1, 1], 1)",
     ]
-    done = subprocess.run(
-        [str(NODE), str(Path(__file__).with_name("dom.js")), str(path)], input=json.dumps(asked), capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = in_node(text, tmp_path, asked)
     answers = found["answers"]
     assert np.array(answers[0]).reshape(48, 64) == pytest.approx(published.tables[()][0], abs=2e-5)
     assert answers[1] == [[0, 0], [1, 0.5], [1, 1], [0, 0]]
@@ -312,11 +319,15 @@ def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
     assert answers[9] == [1, 5, 10, 50, 100, 500, 1000]
     assert len(set(answers[10])) == 1, "a surface with E = 1 can be seen in the furnace"
     assert answers[11][0] > 200 > answers[11][1] + 80
-    assert answers[12] == ["0,1", [0, 1]]
+    heat = np.array(answers[12]).reshape(30, 22, 4)
+    gain = 0.2 * 10 * (np.arange(22) + 0.5) / 22 + 0.1 * 2 * (1 - (np.arange(30)[:, None] + 0.5) / 30) > 1
+    assert np.array_equal(heat[..., 0] - heat[..., 2] > 40, gain), "warm above 1, cold up to it"
+    assert np.all(heat[..., 3] == 255)
+    assert answers[13] == ["0,1", [0, 1]]
     # The page: it opens on what fails, at the largest albedo; sliders, pointer and keys move it; the table sorts; all is drawn
     # for the printer.
     assert found["ready"] == "ready"
-    assert found["readout"] == found["home"] == "n = 17.851, angle 0.0\u00b0: E = 1.00160"
+    assert found["readout"] == found["home"] == "n = 17.851, angle 0.0\u00b0: E = 1.0016"
     assert [step["name"] for step in found["steps"]] == ["n", "angle"]
     assert all(step["readout"] != found["readout"] and step["back"] for step in found["steps"])
     assert found["steps"][0]["sphere"]
@@ -328,6 +339,38 @@ def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
     assert by_albedo["aria"] == "descending"
     assert found["drawn"] == 1
     assert {"0\u00b0", "45\u00b0", "90\u00b0", "1000"} <= set(found["texts"])
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed: the script of a page is not run")
+def test_the_script_with_channels_and_parameters_that_stand_still(tmp_path: Path) -> None:
+    def axis(name: str, values: list[float], at: int) -> Axis:
+        return Axis(name, np.array(values), np.linspace(0, 1, len(values)), at)
+
+    def table(key: tuple[int, ...]) -> np.ndarray:
+        base = 0.1 * key[0] + 0.01 * key[1] + np.linspace(0, 0.5, 6).reshape(2, 3)
+        return np.stack([base, base + 0.1, base + 0.2])
+
+    keys = [(1, 0), (0, 0), (2, 0), (1, 1)]  # one parameter at a time
+    others = axis("k", [1.0, 2.0, 3.0], 1), axis("on", [0.0, 1.0], 0)
+    held = Slices(
+        axis("angle", [0.0, 45.0, 90.0], 2),
+        axis("n", [1.0, 9.0], 0),
+        others,
+        {key: table(key) for key in keys},
+        dict.fromkeys(keys, 0.0),
+    )
+    found = in_node(page([Entry("many", held, report("many"))], heading="x"), tmp_path, [])
+    assert found["readout"] == "n = 1, k = 2, on = 0, angle 90.0\u00b0: E = 0.5000"
+    assert found["options"] == ["largest of the channels", "red", "green", "blue"]
+    moved = {step["name"]: step["readout"] for step in found["steps"]}
+    assert moved["k"] == "n = 1, k = 1, on = 0, angle 90.0\u00b0: E = 0.4000"
+    assert moved["on"] == "n = 1, k = 2, on = 1, angle 90.0\u00b0: E = 0.5100"
+    assert moved["n"] == "n = 9, k = 2, on = 0, angle 90.0\u00b0: E = 0.8000"
+    assert all(step["back"] and (step["sphere"] or step["name"] == "angle") for step in found["steps"])
+    flat = Slices(held.angles, None, (), {(): np.full((1, 1, 3), 0.5)}, {(): 0.0})
+    lone = in_node(page([Entry("flat", flat, report("flat"))], heading="x"), tmp_path, [])
+    assert lone["readout"] == "angle 90.0\u00b0: E = 0.5000"
+    assert [step["name"] for step in lone["steps"]] == ["angle"]
 
 
 # --- a browser ---
@@ -349,7 +392,7 @@ def test_in_a_browser(text: str, tmp_path: Path) -> None:
         readout = "document.querySelector('article.open .readout').textContent"
         pixels = "document.querySelector('article.open canvas.sphere').toDataURL()"
         wait = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-        assert browser.run(readout) == "n = 17.851, angle 0.0\u00b0: E = 1.00160"
+        assert browser.run(readout) == "n = 17.851, angle 0.0\u00b0: E = 1.0016"
         before = browser.run(pixels)
         browser.run(
             "(() => { const slider = document.querySelector('article.open input[type=range]');"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("brdfcheck")
 # Numbers in all tables of a page: 2.7 bytes each, so that a page stays below 300 kB.
-_CELLS = 64_000
+_CELLS = 56_000
 
 JUnit = Annotated[
     str | None, typer.Option("--junitxml", metavar="FILE", parser=words.file(), help="Write the results as JUnit XML.")

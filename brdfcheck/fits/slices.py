@@ -64,7 +64,7 @@ class Slices:
 
 
 def slices(
-    family: Family, place: Mapping[str, float], cos_theta: float = 1.0, azimuth: float = 0.0, *, cells: int = 64_000
+    family: Family, place: Mapping[str, float], cos_theta: float = 1.0, azimuth: float = 0.0, *, cells: int = 56_000
 ) -> Slices:
     """Slices of a family through `place` (parameters), of at most about `cells` numbers. The rows run over the first parameter.
 
@@ -77,8 +77,7 @@ def slices(
         names = [*swept, AZIMUTH] if albedo.anisotropic else swept
         inside = {name: float(np.clip(place.get(name, low), low, high)) for name, (low, high) in family.ranges.items()}
         inside[AZIMUTH] = math.degrees(azimuth) % 360
-        channels = _channels(albedo, inside)
-        shape, values, crossed = _layout(albedo, len(names), _room(albedo, cells), channels)
+        shape, values, crossed = _layout(len(names), _room(albedo, cells // _channels(albedo, inside)))
         axes = [
             _axis(family, name, shape[0] if index == 0 else values, inside[name], turns=shape[0] if index == 0 else _TURNS)
             for index, name in enumerate(names)
@@ -103,23 +102,22 @@ def _channels(albedo: PointwiseAlbedo, place: Mapping[str, float]) -> int:
     return count if count <= _MOST_CHANNELS else 1
 
 
-def _room(albedo: PointwiseAlbedo, cells: int) -> int:
-    """How many points there may be: what the result may hold, and what a function takes no more than seconds for."""
+def _room(albedo: PointwiseAlbedo, points: int) -> int:
+    """How many points there may be: no more than `points`, nor than a function takes some seconds for."""
     if albedo.fast:
-        return cells
-    return min(cells, _MOST[2 if albedo.one_by_one else 1 if albedo.slow else 0])
+        return points
+    return min(points, _MOST[2 if albedo.one_by_one else 1 if albedo.slow else 0])
 
 
-def _layout(albedo: PointwiseAlbedo, axes: int, room: int, channels: int) -> tuple[tuple[int, int], int, bool]:
+def _layout(axes: int, points: int) -> tuple[tuple[int, int], int, bool]:
     """Rows and angles of a slice, values of the other axes, and whether all combinations of these have a slice."""
-    cells = room // channels
     full = (_FINE[0] if axes else 1) * _FINE[1]
     others = max(axes - 1, 0)
     for values in _VALUES:
-        if values**others * full <= cells:
+        if values**others * full <= points:
             return ((_FINE[0] if axes else 1), _FINE[1]), values, True
-    values = next((values for values in _ALONE if (1 + others * (values - 1)) * full <= cells), _ALONE[-1])
-    scale = math.sqrt(min(1.0, cells / ((1 + others * (values - 1)) * full)))
+    values = next((values for values in _ALONE if (1 + others * (values - 1)) * full <= points), _ALONE[-1])
+    scale = math.sqrt(min(1.0, points / ((1 + others * (values - 1)) * full)))
     rows, angles = (max(least, round(most * scale)) for most, least in zip(_FINE, _COARSE, strict=True))
     return (rows if axes else 1, angles), values, False
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # Numbers in all tables of a page, rows and angles of a slice, values of the other axes (as many as fit), and how many BRDFs, or
 # precisions and rules of them, have a place of their own.
-_CELLS = 64_000
+_CELLS = 56_000
 _ROWS, _ANGLES = 48, 64
 _VALUES = (7, 5, 4, 3, 2, 1)
 _MOST = 24

@@ -108,6 +108,38 @@ function colour(value, scale) {
   return ramp(ABOVE, Math.sqrt((value - scale.limit) / Math.max(scale.high - scale.limit, 1e-12)));
 }
 
+// The pixels of a heat map, RGBA, of `width` x `height`: the angles to the right, the rows upwards.
+function heatPixels(table, rows, angles, scale, width, height) {
+  const steps = 512; // of each half of the colours
+  const colours = new Uint8Array(3 * (2 * steps + 1));
+  for (let k = 0; k < steps; k++) {
+    colours.set(ramp(BELOW, k / (steps - 1)).map(Math.round), 3 * k);
+    colours.set(ramp(ABOVE, k / (steps - 1)).map(Math.round), 3 * (steps + k));
+  }
+  colours.set([128, 128, 128], 6 * steps);
+  const cold = scale.low < 1 ? 1 / (1 - scale.low) : Infinity;
+  const warm = 1 / Math.max(scale.high - scale.limit, 1e-12);
+  const columns = Array.from({ length: width }, (_, x) => locate(angles.position, (x + 0.5) / width));
+  const last = angles.values.length - 1;
+  const pixels = new Uint8ClampedArray(4 * width * height);
+  for (let y = 0, at = 0; y < height; y++) {
+    const cut = cutOverAngles(table, rows, last + 1, 1 - (y + 0.5) / height);
+    for (let x = 0; x < width; x++, at += 4) {
+      const [index, part] = columns[x];
+      const value = between(cut[index], cut[Math.min(index + 1, last)], part);
+      let step = 2 * steps;
+      if (value <= scale.limit) step = Math.min(Math.max((value - scale.low) * cold, 0), 1) * (steps - 1);
+      else if (value > scale.limit) step = steps + Math.min(Math.sqrt((value - scale.limit) * warm), 1) * (steps - 1);
+      const from = 3 * Math.round(step);
+      pixels[at] = colours[from];
+      pixels[at + 1] = colours[from + 1];
+      pixels[at + 2] = colours[from + 2];
+      pixels[at + 3] = 255;
+    }
+  }
+  return pixels;
+}
+
 const encoded = (linear) =>
   255 * (linear <= 0.0031308 ? 12.92 * Math.max(linear, 0) : 1.055 * Math.min(linear, 1) ** (1 / 2.4) - 0.055);
 
@@ -129,11 +161,13 @@ function spherePixels(size, angles, cuts, limit, marked) {
   });
   for (let y = 0; y < size; y++) {
     for (let x = 0; x < size; x++) {
-      const away = Math.hypot(x + 0.5 - size / 2, y + 0.5 - size / 2);
+      const away = Math.sqrt((x + 0.5 - size / 2) ** 2 + (y + 0.5 - size / 2) ** 2);
       const shade = shades[Math.min(256, Math.round((256 * away) / radius))];
       const cover = Math.min(Math.max(radius - away + 0.5, 0), 1);
       const at = 4 * (y * size + x);
-      for (let k = 0; k < 3; k++) pixels[at + k] = wall + (shade[k] - wall) * cover;
+      pixels[at] = wall + (shade[0] - wall) * cover;
+      pixels[at + 1] = wall + (shade[1] - wall) * cover;
+      pixels[at + 2] = wall + (shade[2] - wall) * cover;
       pixels[at + 3] = 255;
     }
   }
@@ -176,7 +210,7 @@ function axisTicks(axis, count) {
 }
 
 const shown = (value, digits = 5) => (Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "no value");
-const albedoText = (value) => (!Number.isFinite(value) ? "no value" : Math.abs(value) < 1000 ? value.toFixed(5) : value.toPrecision(6));
+const albedoText = (value) => (!Number.isFinite(value) ? "no value" : Math.abs(value) < 1000 ? value.toFixed(4) : value.toPrecision(6));
 const unitOf = (name) => (name === "angle" || name === "azimuth" ? "\u00b0" : "");
 
 // The order of the rows of a table by their keys: numbers by size, and after them texts by the alphabet.

@@ -38,6 +38,7 @@ def table_object(slices: Slices, tolerance: float) -> dict[str, Any]:
     finite = np.concatenate([table[np.isfinite(table)] for table in tables.values()] + [np.zeros(0)])
     low, high = (float(bound) for bound in squeezed([finite.min(), finite.max()])) if len(finite) else (0.0, 1.0)
     high = high if high > low else low + 1.0
+    step = 2 * (high - low) / (NO_VALUE - 1)  # of the codes, where d log(1 + E) is dE / 2: at E = 1; no larger elsewhere
     return {
         "angles": _axis(slices.angles),
         "rows": None if slices.rows is None else _axis(slices.rows),
@@ -45,9 +46,8 @@ def table_object(slices: Slices, tolerance: float) -> dict[str, Any]:
         "channels": ["E"] if count == 1 else [channel_text(index, count) for index in range(count)],
         "low": low,
         "high": high,
-        # A step of the codes is 2 of these at E = 1, where d log(1 + E) is dE / 2.
-        "margin": max(tolerance, 2 * (high - low) / (NO_VALUE - 1)),
-        "errors": {_key(key): _short(error, 3) for key, error in slices.errors.items()},
+        "margin": max(tolerance, step),
+        "errors": {_key(key): _short(error + step / 2, 2) for key, error in slices.errors.items()},
         "tables": {_key(key): [encoded(channel, low, high) for channel in table] for key, table in tables.items()},
     }
 
@@ -65,8 +65,8 @@ def _key(indices: tuple[int, ...]) -> str:
 def _axis(axis: Axis) -> dict[str, Any]:
     return {
         "name": axis.name,
-        "values": [_short(value, 9) for value in axis.values],
-        "position": [_short(value, 6) for value in axis.position],
+        "values": [_short(value, 7) for value in axis.values],
+        "position": [_short(value, 5) for value in axis.position],
         "at": axis.at,
     }
 

@@ -1,6 +1,7 @@
 // --- drawing and the page ---
 
 const SPHERE = 224;
+const PAPER = 660; // the width of a sheet of A4 or letter
 const KEY = 80; // the width of what stands to the right of a map: its colours and their numbers
 const still = (canvas, width, height) => {
   // Sharp on fine screens; the context then counts in CSS pixels.
@@ -179,7 +180,8 @@ class Explorer {
   // --- drawing ---
 
   draw() {
-    const room = Math.max(260, Math.min(this.box.clientWidth || 900, 1120));
+    const printing = document.documentElement.classList.contains("printing");
+    const room = printing ? PAPER : Math.max(260, Math.min(this.box.clientWidth || 900, 1120));
     this.narrow = room < 620;
     const wide = this.narrow ? room : room - SPHERE - 18;
     this.ink = theme();
@@ -241,15 +243,7 @@ class Explorer {
     const picture = make("canvas", { width: String(width), height: String(height) });
     const context = picture.getContext("2d");
     const image = context.createImageData(width, height);
-    for (let y = 0; y < height; y++) {
-      const cut = cutOverAngles(this.table, this.rows, angles.values.length, 1 - (y + 0.5) / height);
-      for (let x = 0; x < width; x++) {
-        const rgb = colour(look(angles.position, cut, (x + 0.5) / width), this.scale);
-        const at = 4 * (y * width + x);
-        for (let k = 0; k < 3; k++) image.data[at + k] = rgb[k];
-        image.data[at + 3] = 255;
-      }
-    }
+    image.data.set(heatPixels(this.table, this.rows, angles, this.scale, width, height));
     context.putImageData(image, 0, 0);
     this.heat = picture;
     return picture;
