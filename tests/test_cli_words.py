@@ -21,7 +21,7 @@ from brdfcheck.cli import ExitCode, words
 from brdfcheck.messages import UsageError
 
 ROOT = Path(brdfcheck.__file__).parent.parent
-COMMANDS = ("check", "audit", "view", "certify", "fit", "plot", "sweep", "render", "budget", "study", "list")
+COMMANDS = ("check", "init", "audit", "view", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -29,7 +29,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 BAD = {
     "": [
-        ("", "no command given; the commands are check, audit, view, certify, fit"),
+        ("", "no command given; the commands are check, init, audit, view, certify, fit, table"),
         ("chekc", "'chekc'"),
         ("--frobnicate", "--frobnicate"),
     ],

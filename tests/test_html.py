@@ -185,6 +185,7 @@ def test_headings() -> None:
     assert heading([report("a")]) == "a does not conserve energy"
     flawed = report("a", verdict=Verdict.CONSERVES, albedo=0.9, least=0.9, findings=("negative",))
     assert heading([flawed]) == "a conserves energy, but has defects"
+    assert heading([report("a", known="a reason"), good]) == "1 of 2 BRDFs does not conserve energy"
     assert heading([report("a"), report("b"), flawed]) == "2 of 3 BRDFs do not conserve energy, 1 has other defects"
 
 
@@ -198,7 +199,7 @@ def test_check_and_view_write_a_page(run: Any, here: Path) -> None:
     text = (here / "page.html").read_text()
     assert len(text.encode()) < 300_000
     assert "1 of 2 BRDFs does not conserve energy" in text
-    assert "brdfcheck check blinn-phong-6 --over n=1:1000" in text
+    assert "brdfcheck check blinn-phong-6 --effort quick" in text
     (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert [entry["rows"]["name"] for entry in json.loads(data)] == ["n", "n"]
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import logging
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +20,7 @@ from brdfcheck.cores import side_by_side
 if TYPE_CHECKING:
     from brdfcheck.brdf.subject import Target
     from brdfcheck.fits.slices import Slices
+    from brdfcheck.gate.requests import Case
     from brdfcheck.verdict import Report
 
 _log = logging.getLogger("brdfcheck")
@@ -65,10 +65,10 @@ class Files:
     def write(
         self,
         output: Output,
-        targets: Sequence[Target],
+        cases: Sequence[Case],
         reports: Sequence[Report],
         *,
-        settings: Mapping[str, Any],
+        jobs: int,
         seconds: float,
         exit_code: int,
         claims: Mapping[str, str] | None = None,
@@ -77,10 +77,10 @@ class Files:
         from brdfcheck.output import records, sarif
         from brdfcheck.output import text as console
 
-        places = [(target.file, target.line) for target in targets]
+        places = [(case.file, case.line) for case in cases]
         if self.junitxml:
             messages = [console.message(report) for report in reports]
-            classes = ["brdfcheck.user" if target.file else "brdfcheck.catalog" for target in targets]
+            classes = ["brdfcheck.user" if case.file else "brdfcheck.catalog" for case in cases]
             text = records.to_junit(reports, messages, seconds=seconds, classnames=classes, places=places)
             output.save(self.junitxml, text, "--junitxml")
         if self.sarif:
@@ -88,30 +88,31 @@ class Files:
         if self.badge:
             output.save(self.badge, records.to_json(records.badge(records.count(reports))), "--badge")
         if self.html:
-            output.save(self.html, _page(output, targets, reports, settings, claims), "--html")
+            output.save(self.html, _page(output, cases, reports, jobs, claims), "--html")
 
 
 def _page(
     output: Output,
-    targets: Sequence[Target],
+    cases: Sequence[Case],
     reports: Sequence[Report],
-    settings: Mapping[str, Any],
+    jobs: int,
     claims: Mapping[str, str] | None,
 ) -> str:
     from brdfcheck.output.html import Entry, heading, page
 
-    with output.progress(len(targets), "drawing", every=10) as advance:
-        room = max(400, _CELLS // len(targets))
+    targets = [_target(case) for case in cases]
+    with output.progress(len(cases), "drawing", every=10) as advance:
+        room = max(400, _CELLS // len(cases))
 
         def drawn(pair: tuple[Target, Report]) -> Slices | None:
             found = _slices(*pair, room)
             advance()
             return found
 
-        tables = side_by_side(drawn, list(zip(targets, reports, strict=True)), most=settings["jobs"])
+        tables = side_by_side(drawn, list(zip(targets, reports, strict=True)), most=jobs)
     entries = [
-        Entry(report.name, table, report, _facts(target, report, settings))
-        for target, report, table in zip(targets, reports, tables, strict=True)
+        Entry(report.name, table, report, _facts(case, report))
+        for case, report, table in zip(cases, reports, tables, strict=True)
     ]
     said = heading(reports)
     if claims:
@@ -133,6 +134,15 @@ def versions() -> str:
     return f"Computed with {', '.join(parts)} on {device['kind']} ({device['system']}, {device['machine']})."
 
 
+def _target(case: Case) -> Target:
+    """What is drawn; of a verdict from the cache it is read now."""
+    from brdfcheck.gate.requests import cases
+
+    found = case if case.target is not None else next(one for one in cases(case.request) if one.name == case.name)
+    assert found.target is not None
+    return found.target
+
+
 def _slices(target: Target, report: Report, room: int) -> Slices | None:
     """Slices through the place of the largest albedo; None where a user's BRDF cannot be evaluated."""
     if report.basis == "none":
@@ -150,28 +160,19 @@ def _slices(target: Target, report: Report, room: int) -> Slices | None:
         return None
 
 
-def _facts(target: Target, report: Report, settings: Mapping[str, Any]) -> dict[str, str]:
-    """Where a BRDF comes from, and the command that checks it again."""
+def _facts(case: Case, report: Report) -> dict[str, str]:
+    """Where a BRDF comes from, why what was found is accepted, and the command that checks it again."""
     from brdfcheck.brdf import catalog
-    from brdfcheck.output.text import ranges_text
 
     facts: dict[str, str] = {}
-    if target.file is not None:
-        facts["Defined in"] = f"{target.file}:{target.line}" if target.line else target.file
-    elif report.name in catalog.names():
-        entry = catalog.entry(report.name)
+    if report.known is not None:
+        facts["Accepted"] = report.known
+    if case.file is not None:
+        facts["Defined in"] = f"{case.file}:{case.line}" if case.line else case.file
+    elif case.entry is not None:
+        entry = catalog.entry(case.entry)
         facts |= {"Formula": entry.formula, "Source": entry.source}
-    parts = ["brdfcheck", "check", report.name]
-    parts += [part for item in ranges_text(report.ranges).split() for part in ("--over", item)]
-    if settings["cos_theta"] is not None:
-        parts += ["--cos-theta", ":".join(f"{bound:g}" for bound in settings["cos_theta"])]
-    reading = settings.get("reading")
-    if reading:
-        from brdfcheck.brdf.readers.base import Reading
-
-        parts += Reading(**reading).command
-    facts["Check it again"] = shlex.join(parts)
-    return facts
+    return facts | {"Check it again": case.request.command}
 
 
 def address(path: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -50,7 +50,7 @@ def _view(
 
     Heat maps of the albedo over parameters and angles, cuts, and spheres in a white furnace, with sliders.
     """
-    options = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out, "debug": debug}
+    options: Any = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out, "debug": debug}
     how = {"define": define, "include": include, "args": args, "returns": returns}
     code = check.check_command(names=names, over=over, cos_theta=cos_theta, **how, **options)
     opened = not no_open and code in (ExitCode.PASSED, ExitCode.FAILED) and _has_display() and webbrowser.open(address(out))

@@ -167,6 +167,8 @@ def _result(rule: str, message: str, report: Report, place: Place, root: str) ->
         location["physicalLocation"] = physical
     key = "\0".join((rule, subject, words.ranges_text(report.ranges)))
     level = _RULES[rule][1] if rule in _RULES else "error"
+    # What a project knows and accepts is told, but as suppressed.
+    known = {} if report.known is None else {"suppressions": [{"kind": "external", "justification": report.known}]}
     return {
         "ruleId": rule,
         "level": level,
@@ -174,6 +176,7 @@ def _result(rule: str, message: str, report: Report, place: Place, root: str) ->
         "locations": [location],
         "partialFingerprints": {"brdfcheck/v1": hashlib.sha256(key.encode("utf-8", "replace")).hexdigest()},
         "properties": _numbers(report),
+        **known,
     }
 
 

@@ -39,7 +39,8 @@ def _cell(text: str, *, key: str | None = None, kind: str = "", markup: bool = F
 
 
 def _pill(report: Report) -> str:
-    return f'<span class="pill {report.verdict.name}">{report.verdict.name}</span>'
+    known = ' <span class="pill neutral">accepted</span>' if report.known is not None else ""
+    return f'<span class="pill {report.verdict.name}">{report.verdict.name}</span>{known}'
 
 
 def article(entry: Entry, identity: str, index: int) -> str:

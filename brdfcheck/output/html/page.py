@@ -48,15 +48,16 @@ def heading(reports: Sequence[Report]) -> str:
             Verdict.UNDECIDED: "is undecided",
         }[report.verdict]
         return f"{report.name} {said}{', but has defects' if report.findings and report.verdict is Verdict.CONSERVES else ''}"
-    if not counts["failed"]:
-        return f"All {len(reports)} BRDFs conserve energy"
     defects = sum(bool(report.findings) and report.verdict is Verdict.CONSERVES for report in reports)
     parts = [
         (counts["violate"], "does not conserve energy", "do not conserve energy"),
         (counts["undecided"], "is undecided", "are undecided"),
         (defects, "has other defects", "have other defects"),
     ]
-    (first, *verb), *rest = [part for part in parts if part[0]]
+    found = [part for part in parts if part[0]]
+    if not found:
+        return f"All {len(reports)} BRDFs conserve energy"
+    (first, *verb), *rest = found
     said = [f"{first} of {len(reports)} BRDFs {verb[first > 1]}"]
     return ", ".join([*said, *(f"{number} {verb[number > 1]}" for number, *verb in rest)])
 
@@ -129,6 +130,7 @@ def _chips(entries: Sequence[Entry]) -> str:
         (counts["violate"], "violate it", "VIOLATES"),
         (counts["undecided"], "undecided", "UNDECIDED"),
         (counts["with_findings"], "with findings", "UNDECIDED"),
+        (counts["known"], "known and accepted", "neutral"),
     ]
     items = "".join(f'<li class="pill {kind}">{number} {text}</li>' for number, text, kind in said if number)
     return f'<ul class="chips">{items}</ul>\n'
