@@ -360,7 +360,9 @@ def test_the_script_with_channels_and_parameters_that_stand_still(tmp_path: Path
         {key: table(key) for key in keys},
         dict.fromkeys(keys, 0.0),
     )
-    found = in_node(page([Entry("many", held, report("many"))], heading="x"), tmp_path, [])
+    written = page([Entry("many", held, report("many"))], heading="x")
+    found = in_node(written, tmp_path, [])
+    assert "<dd>red 0.7000, green 0.8000, blue 0.9000</dd>" in written
     assert found["readout"] == "n = 1, k = 2, on = 0, angle 90.0\u00b0: E = 0.5000"
     assert found["options"] == ["largest of the channels", "red", "green", "blue"]
     moved = {step["name"]: step["readout"] for step in found["steps"]}

@@ -64,7 +64,7 @@ app = typer.Typer(
     help="Does this BRDF conserve energy?",
     epilog="""\b
 Examples:
-  brdfcheck check                        the gate: the BRDFs of your project, or every validated one
+  brdfcheck check                        the gate: your project's BRDFs, or all validated ones
   brdfcheck check phong ggx              two of them
   brdfcheck check mine.py:glossy         a BRDF of your own
   brdfcheck init                         a list of your project's BRDFs, for check

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from brdfcheck.verdict import words
 
 if TYPE_CHECKING:
@@ -55,7 +57,7 @@ def article(entry: Entry, identity: str, index: int) -> str:
     parts.append(drawn)
     if report is not None:
         parts += _findings(report)
-    facts = {**({} if report is None else _facts(report)), **entry.facts}
+    facts = {**({} if report is None else _facts(report)), **_by_channel(entry), **entry.facts}
     parts.append("<dl>" + "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in facts.items()) + "</dl>")
     if report is not None:
         parts += _checks(report)
@@ -90,6 +92,20 @@ def _facts(report: Report) -> dict[str, str]:
 def _channel(report: Report) -> str:
     assert report.channel is not None
     return words.channel_text(report.channel, report.channels)
+
+
+def _by_channel(entry: Entry) -> dict[str, str]:
+    """The largest value of each channel in the tables, where there are several."""
+    if entry.slices is None:
+        return {}
+    each = [
+        [float(np.max(channel[np.isfinite(channel)], initial=-np.inf)) for channel in table]
+        for table in entry.slices.tables.values()
+    ]
+    most = np.max(each, axis=0)
+    if len(most) < 2:
+        return {}
+    return {"Largest by channel": ", ".join(f"{words.channel_text(i, len(most))} {value:.4f}" for i, value in enumerate(most))}
 
 
 def _findings(report: Report) -> Iterable[str]:
