@@ -5,14 +5,14 @@
 
 const NO_VALUE = 65535;
 
-// Values from 16-bit codes: evenly spaced in log(1 + |E|), so that a table may hold 1.0001 and a million.
+// Values from 16-bit codes: evenly spaced in arsinh(10 (E - 1)), so that a table may hold 1.0001 and a million.
 function decode(text, low, high) {
   const bytes = atob(text);
   const values = new Float64Array(bytes.length / 2);
   for (let i = 0; i < values.length; i++) {
     const code = bytes.charCodeAt(2 * i) | (bytes.charCodeAt(2 * i + 1) << 8);
     const squeezed = low + ((high - low) * code) / (NO_VALUE - 1);
-    values[i] = code === NO_VALUE ? NaN : Math.sign(squeezed) * Math.expm1(Math.abs(squeezed));
+    values[i] = code === NO_VALUE ? NaN : 1 + Math.sinh(squeezed) / 10;
   }
   return values;
 }

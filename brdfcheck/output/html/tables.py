@@ -12,14 +12,15 @@ from brdfcheck.verdict.words import channel_text
 
 NO_VALUE = 65535
 """The code of what is no finite number; the others count from 0 to one less."""
+# How much finer the codes are at 1 than far from it.
+_FINER = 10
 # Channels that differ by less are drawn as one.
 _SAME = 1e-9
 
 
 def squeezed(values: Any) -> np.ndarray:
-    """log(1 + |E|) with the sign of E: in these steps a table may hold 1.0001 and a million."""
-    values = np.asarray(values, float)
-    return np.sign(values) * np.log1p(np.abs(values))
+    """arsinh(10 (E - 1)): even steps of it are finest at E = 1, and a table may hold 1.0001 and a million."""
+    return np.arcsinh(_FINER * (np.asarray(values, float) - 1))
 
 
 def encoded(table: np.ndarray, low: float, high: float) -> str:
@@ -38,7 +39,7 @@ def table_object(slices: Slices, tolerance: float) -> dict[str, Any]:
     finite = np.concatenate([table[np.isfinite(table)] for table in tables.values()] + [np.zeros(0)])
     low, high = (float(bound) for bound in squeezed([finite.min(), finite.max()])) if len(finite) else (0.0, 1.0)
     high = high if high > low else low + 1.0
-    step = 2 * (high - low) / (NO_VALUE - 1)  # of the codes, where d log(1 + E) is dE / 2: at E = 1; no larger elsewhere
+    step = (high - low) / (NO_VALUE - 1)  # of the codes: a tenth of it at E = 1, elsewhere no more than it as a part of E or 1
     return {
         "angles": _axis(slices.angles),
         "rows": None if slices.rows is None else _axis(slices.rows),
@@ -46,8 +47,9 @@ def table_object(slices: Slices, tolerance: float) -> dict[str, Any]:
         "channels": ["E"] if count == 1 else [channel_text(index, count) for index in range(count)],
         "low": low,
         "high": high,
-        "margin": max(tolerance, step),
-        "errors": {_key(key): _short(error + step / 2, 2) for key, error in slices.errors.items()},
+        "margin": max(tolerance, step / _FINER),
+        "rounding": _short(step / 2, 2),
+        "errors": {_key(key): _short(error, 2) for key, error in slices.errors.items()},
         "tables": {_key(key): [encoded(channel, low, high) for channel in table] for key, table in tables.items()},
     }
 

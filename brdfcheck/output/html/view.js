@@ -200,7 +200,7 @@ class Explorer {
     this.readout.textContent = `${parts.join(", ")}: E = ${albedoText(value)}`;
     this.readout.className = value > this.scale.limit ? "readout over" : "readout";
     const { entry } = this;
-    this.note.textContent = `Table: ${this.rows === null ? 1 : this.rows.values.length} \u00d7 ${this.entry.angles.values.length} nodes, linear between them, off by about ${shown(entry.errors[this.indices.join(",")], 2)} at most.${entry.judged ? " The verdict is computed apart from it." : ""}`;
+    this.note.textContent = `Table: ${this.rows === null ? 1 : this.rows.values.length} \u00d7 ${this.entry.angles.values.length} nodes, linear between them, off by about ${shown(entry.errors[this.indices.join(",")] + entry.rounding, 2)} at most.${entry.judged ? " The verdict is computed apart from it." : ""}`;
   }
 
   frame(canvas, width, height, left, right) {
