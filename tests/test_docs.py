@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shlex
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from measured import lambert, merl_bytes, rgl_bytes, write
 from selection import few
 
 import brdfcheck
@@ -37,6 +40,14 @@ def files() -> dict[str, str]:
     return found
 
 
+@functools.cache
+def measured_file(name: str) -> bytes:
+    """What stands for a measured file that the pages name."""
+    if name.endswith(".binary"):
+        return merl_bytes(lambert(0.5))
+    return rgl_bytes(0.5, np.radians([0, 20, 40, 60, 75, 88]), size=12, finer=24, colours=(0.3, 0.2, 0.1))
+
+
 def commands() -> list[str]:
     lines = [line for page in PAGES for line in page.read_text().splitlines() if line.startswith("    brdfcheck ")]
     return list(dict.fromkeys(re.split(r"\s{2,}", line.strip())[0].removeprefix("brdfcheck ") for line in lines))
@@ -57,6 +68,8 @@ def programs() -> list[tuple[str, str]]:
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in files().items():
         (tmp_path / name).write_text(text)
+    for name in {word for command in commands() for word in command.split() if word.endswith((".binary", ".bsdf"))}:
+        write(tmp_path, name, measured_file(name))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.delitem(sys.modules, "mine", raising=False)

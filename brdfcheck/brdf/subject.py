@@ -129,8 +129,9 @@ def as_target(
 ) -> Target:
     """Whatever somebody hands over as a `Target`: the one door, for Python and for the command line.
 
-    `value`: a name, ``file.py:object``, a shader file (read as `reading` says), a `Family`, a BRDF, a function f(wi, wo),
-    perhaps with parameters, a class or a factory, whose parameters run over `ranges`; or a `Target`, which stays what it is.
+    `value`: a name, ``file.py:object``, a shader file (read as `reading` says) or a measured one, a `Family`, a BRDF, a
+    function f(wi, wo), perhaps with parameters, a class or a factory, whose parameters run over `ranges`; or a `Target`, which
+    stays what it is.
     Raises UsageError (a ValueError) for unknown names, for parameters that have no range or do not exist, and where a lobe of
     this package refuses their values; TypeError for something that is not a BRDF.
     """

@@ -85,12 +85,13 @@ Examples:
   brdfcheck check disney.brdf --over metallic=1
   brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
   brdfcheck check mitsuba:principled --over roughness=0.1:1
+  brdfcheck check gold-paint.binary --cos-theta 0.1:1
 
 A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3), or of one pair (3,),
 with the normal along +z, in 1/sr; or one of angles (theta_i, phi_i, theta_o, phi_o) or
 (theta_h, theta_d, phi_d); or a class or a factory that takes parameters and makes one; or a
 shader file (.brdf, .glsl, .frag, .hlsl, .slang), whose parameters run over the ranges
-that the file gives, or over yours.
+that the file gives, or over yours; or a measured one (MERL .binary, RGL .bsdf).
 
 \b
 Exit codes:
@@ -104,9 +105,9 @@ def _check(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="Catalogue names (brdfcheck list), path/to/file.py:object, or shader files: FILE.brdf, FILE.glsl:FUNCTION;"
-            " or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID. FILE.py:* is all that a file offers."
-            " [default: those of the project, otherwise the validated catalogue]",
+            help="Catalogue names (brdfcheck list), path/to/file.py:object, shader files FILE.brdf, FILE.glsl:FUNCTION,"
+            " measured files FILE.binary, FILE.bsdf, or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID."
+            " FILE.py:* is all that a file offers. [default: those of the project, otherwise the validated catalogue]",
             show_default=False,
         ),
     ] = None,
@@ -136,9 +137,9 @@ def _check(
     """The gate: do these BRDFs conserve energy?
 
     Finds the largest directional albedo over all parameters and angles, with an error bar, and says what the answer rests on:
-    a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1, or that
-    the search did not settle. Also checks reciprocity, sign and finiteness. Without names it checks what the project's
-    pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
+    a proof, a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1,
+    or that the search did not settle. Also checks reciprocity, sign and finiteness. Without names it checks what the
+    project's pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
     """
     words.refuse_same({"--json": json, "--junitxml": junitxml})
     how, ranges = reading(define, include, args, returns), words.together(over, lists=True)

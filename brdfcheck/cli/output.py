@@ -77,11 +77,14 @@ class Output:
         return next((stream for stream in (sys.stderr, self._stdout) if stream.isatty()), None)
 
     @contextlib.contextmanager
-    def waiting(self, text: str) -> Iterator[Callable[[str], None]]:
-        """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text."""
+    def waiting(self, text: str, every: float = math.inf) -> Iterator[Callable[[str], None]]:
+        """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text.
+
+        Where there is no terminal, the latest text each `every` seconds on stderr.
+        """
         with _moving(self.terminal(), lambda parts: ()) as bar:
             if bar is None:
-                yield lambda text: None
+                yield _now_and_then("", every)
                 return
             task = bar.add_task(text)
             yield lambda text: bar.update(task, description=text)
@@ -144,7 +147,7 @@ def _now_and_then(doing: str, every: float) -> Callable[[str], None]:
                 return
             last = time.monotonic()
         with contextlib.suppress(OSError, ValueError):
-            print(f"{doing} {text}", file=sys.stderr, flush=True)
+            print(f"{doing} {text}".strip(), file=sys.stderr, flush=True)
 
     return say
 

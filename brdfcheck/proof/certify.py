@@ -12,7 +12,7 @@ from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
 from brdfcheck.proof import facets
 from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
-from brdfcheck.proof.cover import ABOVE, Claim, NotProved, cover, peak, written
+from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
 from brdfcheck.proof.reading import Lobe, built, exact, lobe_of
 
@@ -47,8 +47,8 @@ def _finite(name: str, bounds: Any) -> Any:
     return (low, low) if unbounded else bounds
 
 
-def certify_family(family: Family, ranges: Mapping[str, Any] | None = None) -> Certificate:
-    """`certify` for a `Family`; `ranges` in place of its own."""
+def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, most: int = MOST_BOXES) -> Certificate:
+    """`certify` for a `Family`; `ranges` in place of its own, at `most` so many boxes."""
     brdf = built(family)
     ends: dict[str, Ends] = {}
     for name, (low, high) in family.ranges.items():
@@ -62,15 +62,15 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None) -> C
         return found
     if len(ends) > 1:
         raise UsageError(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
-    parameter = next(iter(ends), "n")
+    parameter = next(iter(ends), "n" if hasattr(brdf.core, "n") else "reflectance")
     lobe = lobe_of(brdf, family.name, parameter)
     if not ends:
-        value = exact(getattr(brdf.core, "n", getattr(brdf.core, "reflectance", 0)), parameter)
+        value = exact(getattr(brdf.core, parameter), parameter)
         ends[parameter] = value, value
-    return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1)
+    return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1, most=most)
 
 
-def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool) -> Certificate:
+def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool, most: int) -> Certificate:
     """The certificate of a lobe. `normal`: normal incidence is one of the angles asked about."""
     if low < 0:
         raise UsageError(f"{lobe.parameter} must be >= 0; got {written(low)}")
@@ -81,10 +81,10 @@ def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool) -> 
         return reciprocal(lobe.profile, lobe.parameter, low, high)
     claim = Claim(lobe.profile, lobe.factor)
     try:
-        pieces = cover(claim, low, high)
+        pieces = cover(claim, low, high, most)
     except NotProved:
         # For a violation a part of an unbounded range is enough.
-        pieces = cover(claim, low, max(2 * low, Fraction(_FIRST_PART))) if high is None else []
+        pieces = cover(claim, low, max(2 * low, Fraction(_FIRST_PART)), most) if high is None else []
         if not any(piece.side == ABOVE for piece in pieces):
             raise
     if any(piece.side == ABOVE for piece in pieces):

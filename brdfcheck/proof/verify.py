@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
@@ -14,6 +15,8 @@ from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certi
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
 
+_EXPONENT = re.compile(r"[^a-z]*\d[eE][-+]?\d+\s*")
+
 
 class Rejected(ValueError):
     """A certificate that does not prove what it states. One line that says why."""
@@ -23,7 +26,7 @@ def read(text: str) -> Certificate:
     """The certificate in a JSON text. Rejected where it is none."""
     try:
         record = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise Rejected(f"it is not JSON: {one_line(error)}") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise Rejected(f"it is not a certificate: its schema is not {SCHEMA!r}")
@@ -35,6 +38,7 @@ def read(text: str) -> Certificate:
 def verify(certificate: Certificate) -> None:
     """Check a certificate again, believing nothing in it but its versions. Rejected where it does not prove its statement."""
     record = certificate.record
+    _refuse_exponents(record)
     try:
         again = _proved(record)
     except Rejected:
@@ -44,6 +48,14 @@ def verify(certificate: Certificate) -> None:
     for key in dict.fromkeys((*record, *again.record)):
         if key != "versions" and record.get(key) != again.record.get(key):
             raise Rejected(f"{key} is not what its numbers prove: {one_line(again.record.get(key))}")
+
+
+def _refuse_exponents(value: Any) -> None:
+    """Rejected where a number has an exponent: no certificate has one, and 1e999999999 would fill the memory."""
+    for part in value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ():
+        if isinstance(part, str) and _EXPONENT.fullmatch(part):
+            raise Rejected(f"numbers are decimals or quotients, without exponents; got {one_line(part)!r}")
+        _refuse_exponents(part)
 
 
 def _proved(record: Mapping[str, Any]) -> Certificate:
