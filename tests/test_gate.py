@@ -58,6 +58,14 @@ def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypat
     assert config.find() is None
 
 
+@pytest.mark.parametrize("text", ["tool = 3", "[tool]\nbrdfcheck = 3"])
+def test_a_pyproject_that_has_no_table_there(run: Run, write: Write, text: str) -> None:
+    write("pyproject.toml", text)
+    code, _, err = run("check")
+    assert code == ExitCode.USAGE_ERROR
+    assert "must be a table; got 3" in err
+
+
 def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
     write(
         "brdfcheck.toml",
@@ -99,6 +107,12 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
         ('[[subjects]]\ntarget = "a.py:f"\neffort = "slow"', "must be one of 'quick', 'normal' or 'thorough'; got 'slow'"),
         ('[[subjects]]\ntarget = "gone.py:f"', "there is no file 'gone.py'"),
         ('[[subjects]]\ntarget = "mine.py:matt"', "the parameter k must be given a range"),
+        ('[[subjects]]\ntarget = ""', "target: must have at least 1 characters"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = 3 }', "over.n: must be a range [LO, HI], or { values = [...] }"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, inf] }', "over.n[1]: must be finite; got inf"),
+        ('[[subjects]]\ntarget = "a.py:f"\nhold = { n = [1] }', "hold.n: must be a number, true or false, or the 2 to 4"),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = "fails"', 'expect: must be "conserves" or { violates = ALBEDO, reason'),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = nan, reason = "x" }', "violates: must be above 1.0; got nan"),
         ("][", "is not TOML"),
     ],
 )
