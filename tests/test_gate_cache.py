@@ -89,7 +89,7 @@ def test_includes_count_and_those_by_macros_are_in_doubt(write: Write) -> None:
         sources.sources(["s.glsl:f"], ["inc"])
     for name, text in (("d.mtlx", "<xi:include href='x.mtlx'/>"), ("d.MTLX", "<xi:include/>"), ("d.xyz", "")):
         write(name, text)
-        with pytest.raises(sources.Doubt, match="includes other documents|kind whose files"):
+        with pytest.raises(sources.Doubt, match=r"includes other documents|kind whose files"):
             sources.sources([name])
     with pytest.raises(sources.Doubt, match="Mitsuba"):
         sources.sources(["mitsuba:principled"])

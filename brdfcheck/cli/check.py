@@ -106,8 +106,8 @@ def _check(
         typer.Argument(
             metavar="NAME",
             help="Catalogue names (brdfcheck list), path/to/file.py:object, shader files FILE.brdf, FILE.glsl:FUNCTION,"
-            " measured files FILE.binary, FILE.bsdf, or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID."
-            " FILE.py:* is all that a file offers. [default: those of the project, otherwise the validated catalogue]",
+            " measured files FILE.binary, FILE.bsdf, or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID. FILE.py:* is"
+            " all that a file offers. [default: those of the project, otherwise the validated catalogue]",
             show_default=False,
         ),
     ] = None,
@@ -138,8 +138,8 @@ def _check(
 
     Finds the largest directional albedo over all parameters and angles, with an error bar, and says what the answer rests on:
     a proof, a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1,
-    or that the search did not settle. Also checks reciprocity, sign and finiteness. Without names it checks what the
-    project's pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
+    or that the search did not settle. Also checks reciprocity, sign and finiteness. Without names it checks
+    what the project's pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
     """
     words.refuse_same({"--json": json, "--junitxml": junitxml})
     how, ranges = reading(define, include, args, returns), words.together(over, lists=True)

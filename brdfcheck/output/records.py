@@ -93,6 +93,7 @@ def fit_object(fit: FactorFit) -> dict[str, Any]:
         "factor": factor_object(fit.factor),
         "fitted": factor_object(fit.fitted),
         "report": to_json_object(fit.report),
+        "proved": None if fit.proved is None else factor_object(fit.proved),
     }
     own["history"] = [plain({**vars(step), "factor": factor_object(step.factor)}) for step in fit.history]
     return {name: own[name] if name in own else plain(value) for name, value in vars(fit).items() if name != "family"}

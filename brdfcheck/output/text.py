@@ -128,6 +128,10 @@ def fit_lines(fit: FactorFit) -> list[str]:
         f"{fit.name}  factor {describe(fit.factor, 10)}  ({fit.objective}{sampled} over n={exact(fit.n[0])}:{exact(fit.n[1])})",
         f"  to copy   {_copied(fit)}",
     ]
+    if fit.proved is not None:
+        lines.append(
+            f"  proved    {describe(fit.proved, 10)}  has E <= 1 at every angle and n of the range (brdfcheck certify)"
+        )
     if fit.objective != "minimax":
         peak = fit.history[0].peak
         raised = peak > 1 + report.tolerance
