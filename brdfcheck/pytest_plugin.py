@@ -9,6 +9,7 @@ Imports nothing but pytest: what checks is imported by the first test that needs
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,7 +48,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     for key in ("over", "hold") if marker is not None else ():
         given = marker.kwargs.get(key) if marker is not None else None
         for name, bounds in given.items() if isinstance(given, dict) else ():
-            if name in metafunc.fixturenames:
+            if name in inspect.signature(metafunc.function).parameters:
                 parts = bounds if isinstance(bounds, tuple | list) else [bounds]
                 metafunc.parametrize(name, [None], ids=[f"{name}={':'.join(map(str, parts))}"])
 
