@@ -364,15 +364,19 @@ def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
 
 
 def resolve(
-    names: Iterable[str], ranges: Mapping[str, Range | Values], cos_theta: Range | None, reading: Reading | None = None
+    names: Iterable[str],
+    ranges: Mapping[str, Range | Values],
+    cos_theta: Range | None,
+    reading: Reading | None = None,
+    modules: dict[str, ModuleType] | None = None,
 ) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
     A user's Python file is imported here, once, however many of its objects are named; ``file.py:*`` names all that it offers.
     Of a parameter that has several `Values` each makes a target of its own; of a vector they are the components. `reading`:
-    how shader files are read. Raises UsageError.
+    how shader files are read; `modules`: users' Python files loaded so far, which load only once. Raises UsageError.
     """
-    modules: dict[str, ModuleType] = {}
+    modules = {} if modules is None else modules
     every = list(dict.fromkeys(part for name in names for part in _spread(name, modules)))
     known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
     return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)
