@@ -397,6 +397,7 @@ def test_a_room_of_one_radiance_is_a_surrounding():
             assert float(irradiance(sums, Vector(*normal))) == pytest.approx(math.pi, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_irradiance_by_moments_is_that_of_the_walls_as_polygons():
     # Independently: each patch of uneven radiosity as a polygon, clipped at the horizon of the middle.
     rng = np.random.default_rng(5)
@@ -583,6 +584,7 @@ def test_a_scene_offers_only_the_knobs_it_has(change, expected):
     assert [knob.name for knob in knobs.knobs_of(scenes.parse_scene({**GLOSSY, **change}))] == expected
 
 
+@pytest.mark.slow
 def test_a_fresnel_term_has_the_rungs_below_its_own():
     def ladder(name):
         terms = [{"brdf": "cook-torrance", "tint": 0.5, "m": 0.3, "fresnel": name}]

@@ -21,7 +21,12 @@ ROOT = Path(brdfcheck.__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # What makes a command short enough for a test (`test_catalog` checks and audits all), what takes long all the same, and what is
 # tested where there is a cluster.
-SHORTER = {"render furnace -o furnace.png": "--size 24 --quality draft", "check": "-k phong", "audit": "-k phong-pdf"}
+SHORTER = {
+    "render furnace -o furnace.png": "--size 24 --quality draft",
+    "check": "-k phong",
+    "check --config gate.toml": "-k b",
+    "audit": "-k phong-pdf",
+}
 LONG = ("render furnace", "budget scene.toml")
 ELSEWHERE = ("--scheduler",)
 

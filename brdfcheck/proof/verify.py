@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 from brdfcheck.messages import one_line
-from brdfcheck.proof import facets
+from brdfcheck.proof import facets, functions, mixtures
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
@@ -43,7 +43,7 @@ def verify(certificate: Certificate) -> None:
         again = _proved(record)
     except Rejected:
         raise
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise Rejected(f"it is damaged: {type(error).__name__}: {one_line(error)}") from None
     for key in dict.fromkeys((*record, *again.record)):
         if key != "versions" and record.get(key) != again.record.get(key):
@@ -60,11 +60,14 @@ def _refuse_exponents(value: Any) -> None:
 
 def _proved(record: Mapping[str, Any]) -> Certificate:
     """The certificate that the numbers of this one prove. Rejected where they prove none."""
+    if record["lobe"]["kind"] == functions.KIND:
+        raise Rejected("it is of a program, and does not hold its boxes: brdfcheck certify finds them again")
+    if record["lobe"]["kind"] in mixtures.KINDS:
+        for part in record["parts"]:
+            verify(Certificate(part))
+        return mixtures.assembled(record["lobe"], record["parts"], _ranges(record))
     if record["lobe"]["kind"] not in KINDS:
-        ranges = {
-            name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()
-        }
-        return facets.certificate(record["lobe"], ranges, Fraction(record.get("point", {}).get("cos_theta", 0)))
+        return facets.certificate(record["lobe"], _ranges(record), Fraction(record.get("point", {}).get("cos_theta", 0)))
     ((parameter, (first, last)),) = record["range"].items()
     low, high = Fraction(first), None if last == "inf" else Fraction(last)
     if low < 0 or (high is not None and high < low):
@@ -94,6 +97,10 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
     if piece.side != BELOW or piece.nodes[0] != low or not (piece.onwards or piece.nodes[-1] == high):
         raise Rejected("its boxes do not cover the range")
     return conserving(claim, parameter, low, high, pieces)
+
+
+def _ranges(record: Mapping[str, Any]) -> dict[str, tuple[Fraction, Fraction | None]]:
+    return {name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()}
 
 
 def _check(claim: Claim, piece: Piece, low: Fraction, high: Fraction | None) -> None:
