@@ -20,7 +20,7 @@ from brdfcheck.proof.certify import certify_family
 from brdfcheck.proof.cover import NotProved
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Check, Evidence
-from brdfcheck.verdict.measured import Doubt, doubted
+from brdfcheck.verdict.measured import Doubt, doubted, searched
 from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
@@ -110,6 +110,8 @@ def check_family(
             if effort != (effort := affordable(effort, albedo)):
                 notes.append(f"the search made the effort {effort!r}, for a call for each pair is slow")
             findings += _batches(albedo)
+        every = albedo.evaluator.channels if albedo.evaluator is not None else None
+        albedo, channels = searched(albedo)
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
@@ -121,6 +123,9 @@ def check_family(
             worst, doubt = doubted(albedo, albedo.table, worst)
             findings += doubt.findings
             notes += doubt.notes
+        if worst.channel is not None and every is not None and len(channels) < every:
+            worst = replace(worst, channel=channels[worst.channel], channels=every)
+            notes.append(f"of {every} channels the {len(channels)} that reflect most were searched")
         evidence = Evidence(albedo, worst.parameters, worst.cos_theta)
         checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
     except Finding as finding:

@@ -42,6 +42,8 @@ class Report:
     ranges at once. `unbounded` says where the albedo grows without bound (`albedo` is then infinite). `channel`: of
     `channels`, the one with the largest albedo (None: there is one only). `doubt`: of a measured table, what the samples leave
     open and how much of the error bar that is (None for anything else).
+
+    `known`: why what was found is accepted (None: it is not, or nothing was found); `stale`: more is accepted than was found.
     """
 
     name: str
@@ -74,11 +76,13 @@ class Report:
     channels: int = 1
     effort: str = "normal"
     doubt: Doubt | None = None
+    known: str | None = None
+    stale: bool = False
 
     @property
     def passed(self) -> bool:
-        """True where the family conserves energy and has no other defect."""
-        return self.verdict is Verdict.CONSERVES and not self.findings
+        """True where the family conserves energy and has no other defect, or where what it has is known."""
+        return self.known is not None or (self.verdict is Verdict.CONSERVES and not self.findings)
 
     def __bool__(self) -> bool:
         return self.passed
