@@ -42,7 +42,7 @@ def run(size: str = "full") -> dict[str, Any]:
     for name in LOBES if full else LOBES[:2]:
         best = fit_factor(name).factor
         lobe = catalog.entry(name).family.build
-        a, b = float(best.A), float(best.B)
+        a, b = float(best.A), float(best.B)  # pyright: ignore[reportAttributeAccessIssue]
         for slack in SLACKS if full else SLACKS[::5]:
 
             def member(n: Any, b: float = b * (1 + slack), lobe: Any = lobe, a: float = a) -> Any:
