@@ -115,8 +115,9 @@ def check_family(
             worst, doubt = doubted(albedo, albedo.table, worst)
             findings += doubt.findings
             notes += doubt.notes
-        evidence = Evidence(albedo, worst.parameters, worst.cos_theta)
+        evidence = Evidence(albedo, worst.parameters, worst.cos_theta, worst.azimuth)
         checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
+        notes += [found.words for found in checks if found.name == "sides"]
     except Finding as finding:
         _log.debug("%s", family.name, exc_info=True)
         findings.append(str(finding))

@@ -100,13 +100,13 @@ def _import_trouble(error: BaseException, path: Path) -> str:
 
 def _offers(module: ModuleType) -> list[str]:
     """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours)."""
-    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 
     found = []
     for name, value in vars(module).items():
         if name.startswith("_"):
             continue
-        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, AbstractBRDF)
+        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, (AbstractBRDF, AbstractBSDF))
         if own and callable(directional(value)):
             found.append(name)
     return found
