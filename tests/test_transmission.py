@@ -1,5 +1,6 @@
 """Surfaces that transmit: values, energy on both sides, the engine for refracting facets, and the door for functions."""
 
+# pyright: reportArgumentType=false
 from __future__ import annotations
 
 import importlib.util
@@ -41,7 +42,7 @@ def fresnel(cosine: np.ndarray, ratio: float) -> np.ndarray:
 
 
 def sampled(kind: str, alpha: float, ratio: float, cosine: float, count: int = 400_000) -> tuple[np.ndarray, np.ndarray]:
-    """(R, T) and their standard errors by numpy Monte Carlo over normals drawn from D (h.N), as Walter et al. (2007) write it."""
+    """(R, T) and their standard errors by Monte Carlo over normals drawn from D (h.N), as in Walter et al. (2007)."""
     random = np.random.default_rng(5)
     u, azimuth = random.uniform(size=count), random.uniform(0, 2 * np.pi, count)
     tangent = alpha * np.sqrt(u / (1 - u)) if kind == "ggx" else alpha * np.sqrt(-np.log1p(-u))
@@ -82,7 +83,7 @@ def shares(surface, cosine: float, below: float = 0.0) -> np.ndarray:
 def test_rough_boundary_against_monte_carlo_over_facets(kind, alpha, eta, cosine, below):
     found = shares(RoughDielectric(alpha, eta, kind), cosine, below)
     mean, error = sampled(kind, alpha, 1 / eta if below else eta, cosine)
-    assert np.all(np.abs(found - mean) < 5 * error)
+    assert np.all(np.abs(found - mean) <= 5 * error + 1e-9)  # too rare to be drawn
     assert np.all(error < 2e-3)
 
 
@@ -92,7 +93,7 @@ def test_half_vectors_against_directions(kind, below, cosine):
     surface = RoughDielectric(0.5, 1.5, kind)
     for part in ("reflected", "transmitted"):
         exact = albedo(surface.lit(below, part), cosine)
-        folded = jax.jit(Folded(surface, below, part))  # pyright: ignore[reportArgumentType]
+        folded = jax.jit(Folded(surface, below, part))
         found = adaptive_albedo(lambda wi, wo, f=folded: np.asarray(f(wi, wo)), cosine, 0.0, 1e-6)
         assert abs(float(exact.value) - float(found.value)) <= float(exact.error) + float(found.error)
         assert float(found.error) < 1e-5
@@ -333,4 +334,4 @@ def test_bad_sides_are_refused_in_one_line():
     with pytest.raises(UsageError, match="has no parameter 'below'"):
         load(lambda wi, wo: wo[..., 2], below=(0, 1))
     with pytest.raises(TypeError, match="bsdf takes a function"):
-        bsdf(3)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        bsdf(3)

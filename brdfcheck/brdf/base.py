@@ -234,7 +234,7 @@ class AbstractBSDF(eqx.Module):
         """The value in 1/sr, shape (...), or (..., channels); mirrors and clear panes, which have none, are left out."""
 
     @abc.abstractmethod
-    def lit(self, below: Any = 0.0, part: Part = "both") -> Any:
+    def lit(self, below: Any = 0.0, part: str = "both") -> Any:
         """The BRDF f(wi, wo) on the upper hemisphere whose albedo is the energy R + T, or a `part` of it, for light from above.
 
         `below` 1: for light from below. ValueError for an unknown part.

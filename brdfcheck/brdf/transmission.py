@@ -4,7 +4,7 @@ All are BSDFs in the scale of flux, f(wi, wo) as Walter et al. (2007) print it: 
 `lit` gives a BRDF with the same energy, R + T, which every engine takes. Energy:
 
 * rough boundary: with $F + (1 - F) = 1$ and a masking G that is at most Smith's $G_1(\omega_i)$,
-  $R + T \le \int G_1(\omega_i) D(h) (\omega_i \cdot h)^+ dh / (N \cdot \omega_i) = 1$ for every roughness and index and from both
+  $R + T \le \int G_1(\omega_i) D(h) (\omega_i \cdot h)^+ dh / (N \cdot \omega_i) = 1$ for every roughness and index, from both
   sides: what is seen of the facets covers the surface exactly, whatever each of them does with its light;
 * smooth boundary: $R = F$, $T = 1 - F$;
 * clear pane, with the share a that one crossing leaves: $R = F + (1-F)^2 F a^2 / (1 - F^2 a^2)$,
@@ -76,7 +76,7 @@ class LambertTransmission(AbstractBSDF):
         through = through[..., None] if self.reflectance.ndim or self.transmittance.ndim else through
         return jnp.where(through, self.transmittance, self.reflectance) / np.pi
 
-    def lit(self, below: Any = 0.0, part: Part = "both") -> AbstractBRDF:
+    def lit(self, below: Any = 0.0, part: str = "both") -> AbstractBRDF:
         parts = {
             "both": self.reflectance + self.transmittance,
             "reflected": self.reflectance,
@@ -128,7 +128,7 @@ class AbstractSmooth(AbstractBSDF):
         """0: everything is in the two deltas."""
         return jnp.zeros(jnp.broadcast_shapes(jnp.shape(wi), jnp.shape(wo))[:-1], jnp.asarray(wi).dtype)
 
-    def lit(self, below: Any = 0.0, part: Part = "both") -> AbstractBRDF:
+    def lit(self, below: Any = 0.0, part: str = "both") -> AbstractBRDF:
         return Spread(self, jnp.asarray(below, float), checked_part(part))
 
 
@@ -189,8 +189,8 @@ class RoughDielectric(AbstractBSDF):
 
     $f_r = F D G / (4 |N \cdot w_i| |N \cdot w_o|)$ and
     $f_t = \frac{|w_i \cdot h_t| |w_o \cdot h_t|}{|N \cdot w_i| |N \cdot w_o|}
-    \frac{\eta_o^2 (1 - F) D G}{(\eta_i (w_i \cdot h_t) + \eta_o (w_o \cdot h_t))^2}$, with $h_t$ along $-(\eta_i w_i + \eta_o w_o)$
-    and F the unpolarised reflectance of a smooth boundary. `alpha`: roughness; `eta`: index below over index above;
+    \frac{\eta_o^2 (1 - F) D G}{(\eta_i (w_i \cdot h_t) + \eta_o (w_o \cdot h_t))^2}$, with
+    $h_t$ along $-(\eta_i w_i + \eta_o w_o)$ and F the unpolarised reflectance of a smooth boundary. `alpha`: roughness; `eta`: index below over index above;
     `distribution`: "ggx" or "beckmann". ValueError for alpha <= 0, eta that is not finite and > 0, or 1, or an unknown name.
     """
 
@@ -238,7 +238,7 @@ class RoughDielectric(AbstractBSDF):
         value = density * c * behind * ratio**2 / jnp.where(met, square, 1)
         return jnp.where(met, value * (1 - boundary_reflectance(jnp.clip(c, 0, 1), ratio)), 0)
 
-    def lit(self, below: Any = 0.0, part: Part = "both") -> AbstractBRDF:
+    def lit(self, below: Any = 0.0, part: str = "both") -> LitFacets:
         return LitFacets(self, jnp.asarray(below, float), checked_part(part))
 
 

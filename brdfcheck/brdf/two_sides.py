@@ -2,15 +2,16 @@ r"""Functions on the whole sphere as BSDFs, and a BSDF as what engines take: BRD
 
 The transmitted half is folded up without a loss: the energy is $\int f |N \cdot w_o|\, dw_o$, an integral over the unit disc of
 (x, y), and the disc goes onto itself by $z \mapsto (z + a) / (1 + \bar a z)$, $z = x + i y$, with the density
-$(1 - |a|^2)^2 / |1 + \bar a z|^4$. The number a is chosen so that the mirror direction goes to the refracted one: where a lobe of
-what is transmitted sits, engine 3 looks for needles. With equal indices a is 0 and the fold is the mirror image in the surface.
+$(1 - |a|^2)^2 / |1 + \bar a z|^4$. The number a is chosen so that the mirror direction goes to the refracted one: so
+engine 3, which looks for needles there, finds those of what is transmitted. With equal indices a is 0, and the fold is the mirror
+image in the surface.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, Literal, final, overload
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -52,26 +53,17 @@ class FunctionBSDF(AbstractBSDF):
     def __call__(self, wi: Any, wo: Any) -> Any:
         return self.function(wi, wo, **dict(self.held))
 
-    def lit(self, below: Any = 0.0, part: Part = "both") -> Folded:
+    def lit(self, below: Any = 0.0, part: str = "both") -> Folded:
         return Folded(self, below, checked_part(part))
 
 
-@overload
-def bsdf(function: Callable[..., Any], *, eta: float = 1.0, scale: Literal["flux", "radiance"] = "flux") -> FunctionBSDF: ...
-
-
-@overload
-def bsdf(
-    function: None = None, *, eta: float = 1.0, scale: Literal["flux", "radiance"] = "flux"
-) -> Callable[[Callable[..., Any]], FunctionBSDF]: ...
-
-
-def bsdf(function: Any = None, *, eta: float = 1.0, scale: str = "flux") -> Any:
+def bsdf(function: Any = None, *, eta: Any = 1.0, scale: str = "flux") -> Any:
     """A function f(wi, wo) on the whole sphere as a BSDF: ``bsdf(f, eta=1.5)``, or ``@bsdf(eta=1.5)`` above its definition.
 
     `eta`: index of refraction below the surface (z < 0) over that above it, 1 for thin sheets. `scale`: "flux" where wi is the
     light and f the radiance towards wo by the irradiance from wi; "radiance" where f is what a renderer evaluates that follows
-    rays from the eye, along wi (see `AbstractBSDF`). Where eta is a parameter, write a factory that returns ``bsdf(f, eta=eta)``.
+    rays from the eye, along wi (see `AbstractBSDF`). Where eta is a parameter, write a factory that returns
+    ``bsdf(f, eta=eta)``.
     Raises TypeError where it is no function, ValueError for an eta that is not finite and > 0 or an unknown scale.
     """
     if not isinstance(eta, jax.core.Tracer):
@@ -81,7 +73,7 @@ def bsdf(function: Any = None, *, eta: float = 1.0, scale: str = "flux") -> Any:
     if scale not in SCALES:
         raise ValueError(f"scale must be one of {', '.join(SCALES)}; got {scale!r}")
     if function is None:
-        return lambda written: bsdf(written, eta=eta, scale=scale)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return lambda written: bsdf(written, eta=eta, scale=scale)
     call = directional(function)
     if isinstance(call, (type, AbstractBSDF)) or not callable(call):
         raise TypeError(f"bsdf takes a function f(wi, wo); got {function!r}")

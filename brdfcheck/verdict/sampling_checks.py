@@ -76,7 +76,7 @@ def weight_gap(brdf: Any, cosine: float) -> float:
 def shares(
     albedo: PointwiseAlbedo, parameters: Mapping[str, float], cosine: float, azimuth: float
 ) -> list[tuple[str, float, float]]:
-    """The energy that a BSDF reflects and transmits of light from above and from below: (which, R, T), of the brightest channel.
+    """What a BSDF reflects and transmits of light from above and from below: (which, R, T) of the channel with most.
 
     Only the sides that the family looks at.
     """

@@ -155,8 +155,8 @@ def _function_values(evaluator: Evaluator, parameters: np.ndarray) -> Values:
 def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding.
 
-    What transmits is looked at on the whole sphere. Two values of a table may be equal where they differ by less than their bars (see `brdfcheck.verdict.measured`); towards
-    grazing its samples are too far apart for a bar to mean anything.
+    What transmits is looked at on the whole sphere. Two values of a table may be equal where they differ by less than their bars
+    (see `brdfcheck.verdict.measured`); towards grazing its samples are too far apart for a bar to mean anything.
     """
     wi, wo = direction_pairs()
     folded = albedo.family.sides is not None
