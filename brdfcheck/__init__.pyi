@@ -28,6 +28,8 @@ from .brdf.lobes import Phong as Phong
 from .brdf.lobes import Schlick as Schlick
 from .brdf.microfacet import GGX as GGX
 from .brdf.microfacet import CookTorrance as CookTorrance
+from .brdf.mixtures import FresnelBlend as FresnelBlend
+from .brdf.mixtures import Mixture as Mixture
 from .brdf.subject import load as load
 from .brdf.transmission import LambertTransmission as LambertTransmission
 from .brdf.transmission import RoughDielectric as RoughDielectric

@@ -20,6 +20,12 @@ class SweepError(Exception):
     """
 
 
+def written(value: float) -> str:
+    """The number as one would type it, with all of its digits."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
+
+
 def one_line(text: object) -> str:
     """`text` on one line and without control characters, so that it can be part of a message.
 

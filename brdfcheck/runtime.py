@@ -9,11 +9,12 @@ import importlib
 import os
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+
+from brdfcheck.folders import cache_folder as cache_folder
 
 
 def use_x64() -> None:
@@ -55,15 +56,6 @@ def understood(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
 def is_double() -> bool:
     """True where new arrays of this thread are float64."""
     return bool(jax.config.read("jax_enable_x64"))
-
-
-def cache_folder() -> Path:
-    """Where compiled programs are kept: ``$BRDFCHECK_CACHE``, else ``brdfcheck`` in the user's cache folder."""
-    named = os.environ.get("BRDFCHECK_CACHE")
-    if named:
-        return Path(named)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "brdfcheck"
 
 
 def use_compilation_cache() -> None:

@@ -66,22 +66,27 @@ def run(size: str = "full") -> dict[str, Any]:
 
 
 def plot(record: dict[str, Any]) -> Any:
-    """Energy of a beam; energy between otherwise loss-free walls; the radius against the exponent."""
+    """Energy of a beam; energy between otherwise loss-free walls; below, the radius against the exponent."""
+    from matplotlib.lines import Line2D
+
     from brdfcheck import plots
     from brdfcheck.plots import paper
     from brdfcheck.plots.styles import ink, style_of
 
+    published = {name for name, _, _ in EXHIBITS}
     with plots.house_style():
-        figure = plots.empty(15.6, 4.6)
-        beam, late, radius = figure.subplots(1, 3)
+        figure = plots.empty(8.2, 8.0)
+        grid = figure.add_gridspec(2, 2)
+        beam, late, radius = (figure.add_subplot(place) for place in (grid[0, 0], grid[0, 1], grid[1, :]))
+        handles = []
         for result in record["results"]:
             style = style_of(result["name"])
             look = {"color": style.color, "dashes": style.dashes or (1, 0), "linewidth": 1.5}
             beam.plot(range(BEAM + 1), result["beam"], **look)
+            handles.append(Line2D([], [], label=f"{result['name']}, n = {result['n']:g}", **look))
+            inside = style.color if result["name"] in published else "white"
             for room, marker in (("sphere", "o"), ("cube", "s")):
                 traced = result["traced"][room]
-                # Filled: published factors.
-                inside = style.color if result["name"] in {published for published, _, _ in EXHIBITS} else "white"
                 point = {"color": style.color, "marker": marker, "markerfacecolor": inside, "linestyle": "", "zorder": 3}
                 beam.errorbar(range(BEAM + 1), traced["mean"], traced["error"], markersize=3.6, elinewidth=0.8, **point)
             late.plot(result["bounces"], result["late"], **look)
@@ -91,27 +96,34 @@ def plot(record: dict[str, Any]) -> Any:
                 text = f"doubles in\n{float(f'{0.6931 / growth:.3g}'):,.0f} bounces"
                 late.annotate(text, (result["bounces"][place], result["late"][place]), (-6, 4), textcoords="offset points",
                               ha="right", fontsize=8, color=ink(style.color))  # fmt: skip
+        for label, marker in (("traced in a sphere (hollow: validated)", "o"), ("traced in a cube (hollow: validated)", "s")):
+            handles.append(Line2D([], [], color="#666666", linestyle="", markersize=4.5, label=label, marker=marker))
         for claim in record["summary"]["claims"]:
             style = style_of(claim["name"])
             look = {"color": style.color, "dashes": style.dashes or (1, 0), "linewidth": 1.3, "marker": style.marker}
             radius.plot(claim["parameters"], claim["radii"], markersize=4, **look)
-        beam.set(yscale="log", ylim=(1e-3, 1.6), title="the lobe alone; a beam along the normal", ylabel="energy")
-        beam.set(xlabel="bounces; paths in a sphere (○), a cube (□), filled: published")
+        beam.set(yscale="log", ylim=(7e-4, 1.6), title="the lobe alone, a beam along the normal", xlabel="bounces")
         late.set(xscale="log", yscale="log", ylim=(0.5, 100), xlabel="bounces", title="walls otherwise loss-free (mirror)")
-        radius.set(xscale="log", yscale="log", ylim=(0.018, 6), xlabel="exponent n", title="spectral radius, the lobe alone")
+        radius.set(xscale="log", yscale="log", ylim=(0.018, 6), xlabel="exponent n", title="the lobe alone")
         radius.axhspan(1, 6, color="#D55E00", alpha=0.08, linewidth=0)
+        radius.annotate("energy grows with every bounce", (0.012, 0.955), xycoords="axes fraction", ha="left", va="top",
+                        fontsize=8, color="#444444")  # fmt: skip
+        beam.set_xticks(range(0, BEAM + 1, 2))
         late.set_xticks([1, 100, 1e4, 1e6], ["1", "100", "10⁴", "10⁶"])
-        for axes, ticks in ((beam, (0.01, 0.1, 1)), (late, (1, 10, 100)), (radius, (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5))):
+        for axes, what, ticks in (
+            (beam, "energy left", (0.001, 0.01, 0.1, 1)),
+            (late, "energy left", (1, 10, 100)),
+            (radius, "spectral radius of a sphere", (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)),
+        ):
+            axes.set_ylabel(what)
             axes.set_yticks(ticks, [plots.text_of(tick) for tick in ticks])
             axes.minorticks_off()
             axes.axhline(1, color="black", linewidth=0.9)
             axes.grid(True)
         radius.set_xticks([1, 10, 100, 1000], ["1", "10", "100", "1000"])
-        for axes, ends in (
-            (beam, [(f"{r['name']}, n = {r['n']:g}", r["name"], r["beam"][-1]) for r in record["results"]]),
-            (radius, [(c["name"], c["name"], c["radii"][-1]) for c in record["summary"]["claims"]]),
-        ):
-            paper.direct_labels(axes, [paper.Label(text, style_of(name), end) for text, name, end in ends])
+        figure.legend(handles=handles, loc="outside upper center", ncol=3)
+        ends = [(claim["name"], claim["radii"][-1]) for claim in record["summary"]["claims"]]
+        paper.direct_labels(radius, [paper.Label(name, style_of(name), end) for name, end in ends])
     return figure
 
 

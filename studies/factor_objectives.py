@@ -13,6 +13,7 @@ exponents of the 16th-power lobe, as fitted and after B has been enlarged until 
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -70,8 +71,15 @@ def plot(record: dict[str, Any]) -> Any:
             (a, low), (_, high) = result["fitted"], result["certified"]
             label = result["objective"] + (f", {result['sampling']}" if result["objective"] != "minimax" else "")
             axes.annotate("", (a, high), (a, low), arrowprops={"arrowstyle": "->", "color": color, "linewidth": 1.2})
-            axes.plot(a, low, marker=marker, color="white", markeredgecolor=color, markersize=7, linestyle="none")
-            axes.plot(a, high, marker=marker, color=color, markersize=7, linestyle="none", label=label)
+            size = 11 if marker == "^" else 7  # it may have another one on it
+            axes.plot(a, low, marker=marker, color="white", markeredgecolor=color, markersize=size, linestyle="none")
+            look = {"markeredgecolor": "white", "markeredgewidth": 0.6, "zorder": 2.5 if marker == "^" else 3}
+            axes.plot(a, high, marker=marker, color=color, markersize=size, linestyle="none", label=label, **look)
+        for one, other in itertools.combinations([r for r in record["results"] if r["n"] == wanted], 2):
+            (a, b), (c, d) = one["certified"], other["certified"]
+            if abs(a - c) < 0.02 and abs(b - d) < 0.02:
+                text = f"{one['objective']}, {one['sampling']}\nand {other['sampling']}: nearly the same"
+                axes.annotate(text, (max(a, c), b), (9, 0), textcoords="offset points", va="center", fontsize=8)
         star = {"marker": "*", "markersize": 24, "color": "none", "markeredgecolor": "#D55E00"}  # one of the fits is inside
         axes.plot(*record["settings"]["published"], **star, zorder=5)
         axes.annotate(

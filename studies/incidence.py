@@ -71,26 +71,34 @@ def plot(record: dict[str, Any]) -> Any:
     columns = min(len(ratios), 4)
     rows = math.ceil(len(ratios) / columns)
     with plots.house_style():
-        figure = plots.empty(1.85 * columns + 0.2, 1.5 * rows + 0.5)
+        figure = plots.empty(2.0 * columns + 0.3, 1.95 * rows + 0.7)
         panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
         for axes, name in zip(panels, ratios, strict=False):
             curves = [curve for curve in record["results"] if curve["name"] == name]
+            above = []
             for curve, style in zip(curves, looks(curves), strict=True):
                 x, y = np.array(curve["x"], float), np.array(curve["albedo"], float)
-                axes.plot(x, y, color=style.color, linewidth=1.4)
+                violates = bool(np.max(y) > 1 + _EQUAL)
+                axes.plot(x, y, color=style.color, linewidth=2.2 if violates else 1.3)
                 worst = int(np.flatnonzero(y >= np.max(y) - 1e-9)[-1])  # of equal ones the nearest to normal incidence
                 if y[worst] <= TOP:
                     axes.plot([x[worst]], [y[worst]], marker="o", markersize=3.6, color=style.color, clip_on=False, zorder=4)
+                if violates:
+                    above.append(f"{next(iter(curve['at'].values())):g}")
             axes.axhline(1, color="black", linewidth=0.8)
             axes.axhspan(1, TOP, color="#D55E00", alpha=0.07, linewidth=0)
             found = ratios[name]
             elsewhere = found["ratio"] > 1 + _EQUAL
-            axes.set_title(name, fontsize=7.2, fontweight="bold" if elsewhere else "normal")
+            # Above the axes: within them there is always a curve in the way.
             values = ", ".join(f"{next(iter(curve['at'].values())):g}" for curve in curves)
-            words = f"{found['parameter']} = {values}"
-            if elsewhere:
-                words += f"\n×{plots.text_of(found['ratio'], 3)} at {found['angle_degrees']:.3g}°"
-            axes.text(0.04, 0.975, words, transform=axes.transAxes, fontsize=6.2, color="#222222", va="top", linespacing=1.15)
+            lines = [f"{found['parameter']} = {values}"]
+            lines += [f"×{plots.text_of(found['ratio'], 3)} at {found['angle_degrees']:.3g}°"] if elsewhere else []
+            lines += ["violates: all" if len(above) == len(curves) else f"violates: {', '.join(above)}"] if above else []
+            axes.set_title(name, fontsize=8, fontweight="bold" if elsewhere else "normal", pad=4 + 9.5 * len(lines))
+            for line, text in enumerate(reversed(lines)):
+                color = "#A34700" if text.startswith("violates") else "#333333"
+                place: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "center", "va": "bottom"}
+                axes.annotate(text, (0.5, 1), (0, 2 + 9.5 * line), fontsize=7, color=color, **place)
             axes.grid(True)
         for axes in panels[len(ratios) :]:
             axes.set_visible(False)
@@ -98,8 +106,9 @@ def plot(record: dict[str, Any]) -> Any:
         panels[0].set_xticks([1, 0.5, 0], ["1", "0.5", "0"])
         for axes in panels[len(ratios) - columns : len(ratios)]:  # those with nothing below them
             axes.tick_params(labelbottom=True)
-        where = "cos θ, from normal (left) to grazing; light to dark as listed; bold: normal incidence is not the worst"
-        figure.supxlabel(where, fontsize=9)
+        where = "cos θ, from normal (left) to grazing; light to dark in the order of the values listed; dot: the worst angle"
+        what = "bold name: some value's worst angle is not the normal, and by what factor; thick line: the albedo exceeds 1"
+        figure.supxlabel(f"{where}\n{what}", fontsize=8.5)
         figure.supylabel("directional albedo E", fontsize=9)
     return figure
 

@@ -15,6 +15,7 @@ cosines. Profiles count where they are at least 10^-4 of the peak. Naive forms f
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 EXPONENTS = tuple(10.0**power for power in range(8))
@@ -64,21 +65,26 @@ def plot(record: dict[str, Any]) -> Any:
     with plots.house_style():
         figure = plots.empty(10.5, 7.0)
         (profile, value, bars), (naive, angle, flush) = figure.subplots(2, 3)
-        for name in dict.fromkeys(result["name"] for result in record["results"]):
-            style, runs = style_of(name), [r for r in record["results"] if r["name"] == name and r["engine"] != "adaptive"]
-            for axes, key in ((profile, "profile"), (value, "error")):
-                points = [
-                    (r["value"], max(map(float, r[key])) if key == "error" else r[key]) for r in runs if r["parameter"] == "n"
-                ]
-                points = [(n, error) for n, error in points if float(error) < 1]
-                axes.plot(*zip(*points or [(1, float("nan"))], strict=True), color=style.color, dashes=style.dashes or (1, 0))
+        kinds = dict.fromkeys(VARIANTS[result["name"]][0] for result in record["results"])
+        for (axes, key), kind in itertools.product(((profile, "profile"), (value, "error")), kinds):
+            worst: dict[float, float] = {}  # of all forms of the lobe
+            for r in record["results"]:
+                if VARIANTS[r["name"]][0] == kind and r["engine"] != "adaptive" and r["parameter"] == "n":
+                    errors = map(float, r[key] if key == "error" else [r[key]])
+                    found_here = [error for error in errors if error < 1]
+                    worst[r["value"]] = max([*found_here, worst.get(r["value"], 0.0)])
+            points = sorted((n, error) for n, error in worst.items() if error)
+            axes.plot(*zip(*points or [(1, float("nan"))], strict=True), color=LOBES[kind][0], marker=LOBES[kind][1], ms=3.5)
         for r in record["results"]:
             color, marker = ("white", "s") if r["engine"] == "adaptive" else (style_of(r["name"]).color, "o")
             cells = [(max(float(e), 1e-9), b) for e, b in zip(r["error"], r["bar"], strict=True) if float(e) < 1]
             edge = style_of(r["name"]).color
             bars.plot(*zip(*cells or [(1e-9, float("nan"))], strict=True), marker, color=color, markeredgecolor=edge, ms=3)
         bars.plot([1e-10, 1], [1e-10, 1], color="black", linewidth=1)
-        bars.annotate("the bar\nis the error", (4e-6, 3e-6), (6, -4), textcoords="offset points", va="top", fontsize=7.5)
+        bars.annotate("bar = error", (3e-6, 3e-6), (4, -8), textcoords="offset points", va="top", fontsize=7.5)
+        bars.plot([], [], "s", color="white", markeredgecolor="#444444", ms=4, label="adaptive rule")
+        bars.plot([], [], "o", color="#444444", ms=4, label="other rules")
+        bars.legend(loc="upper left", fontsize=7)
         for name, (lobe, label) in NAIVE.items():
             naive.plot(exponents, found["power"][name], color=LOBES[lobe][0], dashes=dashes.get(name, (1, 0)), label=label)
         naive.legend(loc="upper left", fontsize=7)
@@ -92,18 +98,21 @@ def plot(record: dict[str, Any]) -> Any:
             )
         for axes in figure.axes:
             axes.set(xscale="log", yscale="log")
-            axes.xaxis.set_major_formatter(lambda tick, _: plots.text_of(tick))
-            axes.yaxis.set_major_formatter(lambda tick, _: plots.text_of(tick))
+            axes.xaxis.set_major_formatter(lambda tick, _: plots.power_tick(tick))
+            axes.yaxis.set_major_formatter(lambda tick, _: plots.power_tick(tick))
             axes.minorticks_off()
             axes.grid(True)
-        kinds = dict.fromkeys(VARIANTS[result["name"]][0] for result in record["results"])
-        lines = [profile.plot([], [], color=LOBES[kind][0])[0] for kind in kinds]
+        lines = [profile.plot([], [], color=LOBES[kind][0], marker=LOBES[kind][1], ms=3.5)[0] for kind in kinds]
         figure.legend(lines, list(kinds), loc="outside lower center", ncol=10, handlelength=1.4, columnspacing=1.4)
         low = {"ylim": (2e-8, 1e-4), "xlabel": "n"}
-        profile.set(title="values, every lobe", ylabel="relative error where g ≥ 10⁻⁴", **low)
-        value.set(title="albedo, worst of five angles", ylabel="relative error", **low)
+        profile.set(title="values of the lobe, worst form", ylabel="relative error where g ≥ 10⁻⁴", **low)
+        value.set(title="albedo, worst form of five angles", ylabel="relative error", **low)
         bars.set(
-            title="error bar of each albedo", xlabel="relative error", ylabel="its bar", xlim=(8e-10, 2e-5), ylim=(1e-7, 2e-3)
+            title="error bar of each albedo",
+            xlabel="relative error",
+            ylabel="its error bar",
+            xlim=(8e-10, 2e-5),
+            ylim=(1e-7, 2e-3),
         )
         naive.set(title="the power, naive and ours", xlabel="n", ylabel="relative error where cⁿ ≥ 1/255", ylim=(3e-8, 3))
         angle.set(title="the angle, naive and ours", xlabel="angle (radians)", ylabel="relative error", ylim=(3e-9, 100))

@@ -90,9 +90,9 @@ def plot(record: dict[str, Any]) -> Any:
 
     results = record["results"]
     with plots.house_style():
-        figure = plots.empty(10.5, 0.9 + 2.4 * len(results))
+        figure = plots.empty(9.4, 0.8 + 2.15 * len(results))
         grid = figure.subplots(len(results), 4, squeeze=False, width_ratios=(1, 1, 1, 1.7))
-        figure.set_layout_engine("constrained", h_pad=0.22)
+        figure.set_layout_engine("constrained", h_pad=0.22, rect=(0.005, 0, 0.99, 0.995))
         for number, (row, result) in enumerate(zip(grid, results, strict=True)):
             for axes, code, title in zip(row, result["images"], ("full", "budget", "difference"), strict=False):
                 axes.imshow(imread(io.BytesIO(base64.b64decode(code))), interpolation="nearest")
@@ -106,7 +106,9 @@ def plot(record: dict[str, Any]) -> Any:
             row[0].annotate(text, (0, 1), (0, 20 if number == 0 else 7), fontsize=9, weight="bold", **place).set_in_layout(
                 False
             )
-        figure.legend(*grid[1, 3].get_legend_handles_labels(), loc="outside lower center", ncol=5, handlelength=2.0)
+        # Below the last chart, beside the scale of the differences.
+        known: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.38), "ncol": 4, "handlelength": 1.6}
+        grid[-1, 3].legend(*grid[1, 3].get_legend_handles_labels(), columnspacing=1.0, **known)
         scale = figure.colorbar(ScalarMappable(LogNorm(1e-8, 1), "plasma"), ax=grid[-1, :3], location="bottom", aspect=40)
         scale.set_ticks([1e-8, 1e-6, 1e-4, 1e-2, 1], labels=["10⁻⁸", "10⁻⁶", "10⁻⁴", "10⁻²", "1"])
         scale.minorticks_off()

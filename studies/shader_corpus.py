@@ -20,11 +20,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+from _instruments.bars import COLOURS, plot, told
+
+__all__ = ["plot", "run", "summary"]
+
 OURS = Path(__file__).resolve().parent / "_instruments" / "shaders"
 SMALL = ("eon.glsl", "lambert.brdf")
 RANGES: dict[str, dict[str, Any]] = {"eon.glsl": {"roughness": (0.0, 1.0)}}
-COLOURS = {"CONSERVES": "#009E73", "VIOLATES": "#D55E00", "UNDECIDED": "#777777"}
-CEILING = 4.0  # of the axis; what lies above is an arrow
 
 
 def run(size: str = "full") -> dict[str, Any]:
@@ -57,32 +59,6 @@ def _checked(path: Path, effort: str) -> dict[str, Any]:
     return {**records.to_json_object(report), "name": path.name, "seconds": round(time.perf_counter() - began, 1)}
 
 
-def plot(record: dict[str, Any]) -> Any:
-    """The largest albedo of each file, with the line at 1."""
-    from brdfcheck import plots
-
-    rows = [row for row in record["results"] if row["verdict"]]
-    with plots.house_style():
-        figure = plots.empty(7.0, 0.28 * len(rows) + 1.0)
-        axes = figure.subplots()
-        for place, row in enumerate(rows):
-            value, colour = float(row["albedo"]), COLOURS[row["verdict"]]
-            shown = min(value, CEILING)
-            axes.plot([0, shown], [place, place], color=colour, linewidth=2.5, solid_capstyle="butt")
-            axes.plot([shown], [place], marker=">" if value > CEILING else "o", color=colour, markersize=6)
-            axes.text(1.01, place, _told(row), transform=axes.get_yaxis_transform(), fontsize=7, va="center", color=colour)
-        axes.axvline(1, color="black", linewidth=1.0)
-        axes.set(xlim=(0, CEILING * 1.03), ylim=(len(rows) - 0.4, -0.6), xlabel="largest directional albedo")
-        axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7.5)
-        axes.tick_params(axis="y", length=0)
-    return figure
-
-
-def _told(row: dict[str, Any]) -> str:
-    value = float(row["albedo"])
-    return f"{row['verdict']}, {'no bound' if value == float('inf') else f'{value:.6f}'}"
-
-
 def summary(record: dict[str, Any]) -> str:
     """A table, and what was refused."""
     from brdfcheck.studies import table
@@ -92,7 +68,7 @@ def summary(record: dict[str, Any]) -> str:
         if row["verdict"]:
             place = ", ".join(f"{name} = {float(value):.4g}" for name, value in row["parameters"].items())
             angle = f"{float(row['angle_degrees']):.3g}°"
-            rows.append((row["name"], row["verdict"], _told(row).split(", ")[1], place, angle))
+            rows.append((row["name"], row["verdict"], told(row).split(", ")[1], place, angle))
         else:
             rows.append((row["name"], "refused", "", row["message"], ""))
     return (

@@ -97,6 +97,8 @@ def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]
 
 def plot(record: dict[str, Any]) -> Any:
     """A bar for each way, one panel for the cheap cells and one for the dear ones."""
+    from matplotlib.ticker import MaxNLocator
+
     from brdfcheck import plots
 
     figure = plots.empty(6.9, 2.9)
@@ -108,8 +110,13 @@ def plot(record: dict[str, Any]) -> Any:
             colors = ["#56B4E9" if row["way"] == "workers" else "#0072B2" for row in rows]
             bars = axes.barh(names, rates, color=colors, height=0.6)
             axes.bar_label(bars, [f"{rate / 1e6:.2f} million" if rate > 1e6 else f"{rate:,.0f}" for rate in rates], padding=3)
-            axes.set(xlim=(0, 1.5 * max(rates)), xticks=[0], xlabel="cells a second, compiling apart")
-            axes.set_title({"cheap": "phong, a table", "dear": "GGX, cell by cell"}[cells], fontsize=10)
+            axes.set(xlim=(0, 1.5 * max(rates)), xlabel="cells a second, without compiling")
+            axes.xaxis.set_major_locator(MaxNLocator(4))
+            axes.xaxis.set_major_formatter(lambda rate, _: f"{rate / 1e6:g} million" if rate >= 1e6 else f"{rate:,.0f}")
+            axes.grid(True, axis="x")
+            axes.set_title(
+                {"cheap": "cheap cells: Phong, as a table", "dear": "dear cells: GGX, one by one"}[cells], fontsize=10
+            )
             axes.invert_yaxis()
         figure.tight_layout()
     return figure

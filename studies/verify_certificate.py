@@ -46,6 +46,7 @@ class Ball:
 ATANS = [Ball(sum(Q((-1) ** i, (2 * i + 1) * q ** (2 * i + 1)) for i in range(60)), Q(1, q**120)) for q in (18, 57, 239)]
 PI = 48 * ATANS[0] + 32 * ATANS[1] + -20 * ATANS[2]
 PLACES = {"at most 1": "every angle of incidence", "above 1": "normal incidence"}
+KINDS = ("constant", "power", "schlick", "truncated-power")
 ROOT = Ball(Q(Decimal("0.5").sqrt()), Q(1, UNIT))
 
 
@@ -72,10 +73,8 @@ def raw(lobe, n):
         return sum((w * part for w, part in zip(weight, parts[1:], strict=True)), Ball(0))
     k, rate, powers = lobe["k"], n / lobe["k"], []
     s0 = 1 - rate + rate * c0
-    s0 = (
-        Ball(Q(0)) if lobe["clamped"] and s0.high <= 0 else s0
-    )  # the weight as a polynomial in s = 1 - rate (1 - c), by Horner's rule
-    for w in reversed(weight):
+    s0 = Ball(Q(0)) if lobe["clamped"] and s0.high <= 0 else s0
+    for w in reversed(weight):  # the weight as a polynomial in s = 1 - rate (1 - c), by Horner's rule
         powers = [a / rate + b * (1 - 1 / rate) for a, b in zip([0, *powers], [*powers, 0], strict=True)]
         powers[0] += w
     return sum((a / rate * Q(1, k + i + 1) * (1 + -1 * s0.power(k + i + 1)) for i, a in enumerate(powers)), Ball(0))
@@ -93,10 +92,11 @@ def words(lobe, factor):
 
 def check(c):
     """What the numbers of a certificate prove, in its words. ValueError where they do not."""
+    need(c["lobe"]["kind"] in KINDS, f"only {', '.join(KINDS)} are checked here: try brdfcheck certify --verify")
     lobe, factor, conserves, parts = c["lobe"], c["factor"], c["verdict"] == "CONSERVES", []
     ((x, (lo, hi)),), k, clamped = c["range"].items(), lobe.get("k", 1), lobe.get("clamped", True)
     low, high, limit, exact = Q(lo), inf if hi == "inf" else Q(hi), inf if clamped else k, isinstance(factor, str)
-    need(type(k) is int and k > 0 and (clamped is True or k % 2 == 0), "k must be a whole number, and even without the clamp")
+    need(type(k) is int and k > 0 and (clamped is True or k % 2 == 0), "k must be whole, and even without the clamp")
     need(0 <= low <= high and (high <= limit or not conserves), "the range, or the lobe rises with its angle")
     steady = lobe["kind"] == "power" and lobe["form"] == "mirror"  # (n + A)/(n + 2) is monotone
     lambert = lobe["kind"] == "constant" and factor == {"A": "0", "B": "1", "pi": 1}

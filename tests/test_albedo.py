@@ -31,7 +31,7 @@ SAMPLES = [
     Normalized(Phong(20.0), PhongExact()),
 ]
 # One of each engine and form.
-FAST = ("Lambert-mirror", "BlinnPhong-half", "KuijkBlake-mirror", "GGX-smith-correlated", "Normalized")
+FAST = ("Lambert-mirror", "KuijkBlake-mirror", "GGX-smith-correlated")
 
 
 def kind(lobe):

@@ -176,7 +176,7 @@ def test_operations_are_counted_with_their_loops_and_prices():
 def test_the_work_of_the_parts_is_that_of_the_whole(document):
 
     scene = scenes.parse_scene(document)
-    for choice in ({}, {"precision": "float32", "light": "distant", "quadrature": "4", "bounces": "3"}):
+    for choice in ({}, {"precision": "float32", "light": "distant", "surrounding": "4 nodes", "bounces": "3"}):
         plan = knobs.plan_of(scene, choice)
         numbers = Compiler(scene)._numbers(plan)
         whole = traced(
@@ -227,7 +227,7 @@ def test_what_is_much_less_work_takes_less_time():
     checked = 0
     for document, choices in (
         ({**GLOSSY, "size": 256}, [{"precision": "float32", "light": "distant"}, {"precision": "float16"}]),
-        ({**GLOSSY, "size": 16, "lights": [environment]}, [{"quadrature": "2"}, {"quadrature": "32"}]),
+        ({**GLOSSY, "size": 16, "lights": [environment]}, [{"surrounding": "2 nodes"}, {"surrounding": "32 nodes"}]),
         ({"size": 32, "material": MATT, "lights": [DISTANT], "room": room}, [{"bounces": "1"}, {"bounces": "32"}]),
     ):
         scene = scenes.parse_scene(document)
@@ -397,6 +397,7 @@ def test_a_room_of_one_radiance_is_a_surrounding():
             assert float(irradiance(sums, Vector(*normal))) == pytest.approx(math.pi, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_irradiance_by_moments_is_that_of_the_walls_as_polygons():
     # Independently: each patch of uneven radiosity as a polygon, clipped at the horizon of the middle.
     rng = np.random.default_rng(5)
@@ -440,13 +441,39 @@ def test_the_albedo_by_a_rule_tends_to_the_furnace():
     compiler = Compiler(scene)
     furnace = compiler.program(knobs.plan_of(scene, {})).image()
     errors = [
-        np.abs(compiler.program(knobs.plan_of(scene, {"quadrature": count})).image() - furnace).max() for count in ("2", "32")
+        np.abs(compiler.program(knobs.plan_of(scene, {"surrounding": count})).image() - furnace).max()
+        for count in ("2 nodes", "32 nodes")
     ]
     assert errors[0] > 1e-2
     assert errors[1] < 2e-5  # what the furnace itself is good for
 
 
 ICOSPHERE = {"size": 24, "geometry": {"kind": "icosphere", "level": 3}, "material": MATT, "lights": [DISTANT]}
+
+
+def test_what_is_looked_up_tends_to_the_surrounding_as_entries_grow():
+    facets = {"kind": "surface", "terms": [{"brdf": "cook-torrance", "tint": 0.9, "m": 0.4, "fresnel": "exact"}]}
+    scene = scenes.parse_scene({"size": 12, "material": facets, "lights": [{"kind": "environment"}, DISTANT]})
+    compiler = Compiler(scene)
+    furnace = compiler.program(knobs.plan_of(scene, {})).image()
+    few, many = (
+        np.abs(compiler.program(knobs.plan_of(scene, {"surrounding": f"table of {count}"})).image() - furnace).max()
+        for count in (8, 128)
+    )
+    # Between entries it is linear: errors fall as the square of their distance.
+    assert 2e-4 < few < 0.05
+    assert many < few / 100
+
+
+def test_lights_that_do_not_matter_are_left_out():
+    weak = [{**DISTANT, "direction": [1, k, 2], "intensity": 1e-6} for k in range(4)]
+    scene = {"size": 16, "material": MATT, "lights": [*weak[:2], DISTANT, *weak[2:], {"kind": "ambient", "intensity": 0.2}]}
+    found = brdfcheck.budget(scene, "1/255")
+    assert found.chosen["lights"] == "2 of 6"
+    both = full_model(scenes.parse_scene({**scene, "lights": [scene["lights"][2], scene["lights"][5]]}))
+    np.testing.assert_allclose(found.image, both, rtol=1e-5)
+    # The tolerance decides: none of them may go where each is seen.
+    assert brdfcheck.budget({**scene, "output": {"bits": 16, "transfer": "linear"}}, 1e-9).chosen["lights"] == "6 of 6"
 
 
 @pytest.mark.slow
@@ -482,7 +509,7 @@ def test_a_picture_that_does_not_repeat_is_an_error(glossy, monkeypatch):
 
 
 def test_a_scene_is_measured_once_and_again_where_it_names_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring, "_measure", lambda scene: object())
+    monkeypatch.setattr(measuring, "_measure", lambda scene, watch: object())
     document = {"size": 8, "material": MATT, "lights": [DISTANT]}
     assert measure(document) is measure(dict(document))
     assert measure(document) is not measure({**document, "size": 9})
@@ -542,7 +569,9 @@ def test_meshes_and_functions_of_users_have_budgets(tmp_path):
         ({}, ["lobe", "light", "precision"]),
         ({"lights": [DISTANT]}, ["lobe", "precision"]),
         ({"material": MATT, "lights": [PANEL]}, ["light", "precision"]),
-        ({"lights": [{"kind": "environment"}]}, ["lobe", "quadrature", "precision"]),
+        ({"lights": [{"kind": "environment"}]}, ["lobe", "surrounding", "precision"]),
+        ({"lights": [DISTANT, {"kind": "environment"}]}, ["lobe", "surrounding", "lights", "precision"]),
+        ({"material": MATT, "lights": [DISTANT, {"kind": "environment"}]}, ["lights", "precision"]),
         ({"room": {"reflectance": 0.5, "emission": 1}}, ["lobe", "light", "bounces", "precision"]),
         ({"geometry": {"kind": "icosphere"}, "lights": [DISTANT]}, ["lobe", "facets", "precision"]),
         ({"geometry": {"kind": "zigzag"}, "lights": [DISTANT]}, ["lobe", "shading", "precision"]),
@@ -555,6 +584,7 @@ def test_a_scene_offers_only_the_knobs_it_has(change, expected):
     assert [knob.name for knob in knobs.knobs_of(scenes.parse_scene({**GLOSSY, **change}))] == expected
 
 
+@pytest.mark.slow
 def test_a_fresnel_term_has_the_rungs_below_its_own():
     def ladder(name):
         terms = [{"brdf": "cook-torrance", "tint": 0.5, "m": 0.3, "fresnel": name}]

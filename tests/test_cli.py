@@ -94,7 +94,7 @@ def test_0_where_all_conserve(run: Run) -> None:
     lines = out.splitlines()
     assert "tolerance 1e-9" in lines[0]
     assert lines[1].startswith("phong  CONSERVES  albedo 1.0000000000 +- ")
-    assert "% of n" in lines[1].partition("could miss ")[2]
+    assert "  proof: at most 1 in exact arithmetic (brdfcheck certify), " in lines[1]
     assert "angle=" in lines[1]
     assert lines[-1].startswith("1 conserves, 0 violate, 0 undecided in ")
     assert err == ""
@@ -409,6 +409,8 @@ def test_what_an_answer_rests_on_in_words(reports: list) -> None:
         "search, 12.3k points, 1 climb, not settled, could miss 0.1 % of n, 0.25 deg of the angle, 1.5 deg of the azimuth"
         " or 2 % of all at once"
     )
+    proof = replace(report, basis="proof", settled=False, width=width)  # which nothing can slip through
+    assert console.basis_text(proof) == "proof: at most 1 in exact arithmetic (brdfcheck certify), 12.3k points for the largest"
     assert console.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
     theorem = f"theorem: {NORMAL_IS_WORST}, 12.3k points over the parameters"
     assert console.basis_text(replace(report, basis="theorem", width={"n": 0.01})) == f"{theorem}, could miss 1 % of n"

@@ -29,6 +29,14 @@ def scene(tmp_path):
     return path
 
 
+def test_how_far_it_is_is_said_where_there_is_no_terminal(scene, capsys, monkeypatch):
+    monkeypatch.setattr("brdfcheck.cli.budget._EVERY", 0)
+    assert run(["budget", str(scene)]) == 0
+    err = capsys.readouterr().err
+    assert f"measuring {scene} with power of R.V (16)\n" in err
+    assert f"choosing for {scene}: " in err
+
+
 def test_a_budget_with_all_its_files(scene, tmp_path, capsys):
     files = {name: tmp_path / name for name in ("b.json", "chart.svg", "images.png")}
     options = ["--json", str(files["b.json"]), "-o", str(files["chart.svg"]), "--images", str(files["images.png"])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ from brdfcheck.cli.process import run
 
 MINE = """
 import brdfcheck as b
+import jax.numpy as jnp
+import numpy as np
 
 def glossy(n):
     return b.Normalized(b.BlinnPhong(n), b.Factor(6, 25.2))
@@ -21,6 +24,15 @@ def rising(n):
 
 def dull(wi, wo):
     return 0.3 + 0 * wi[..., 2]
+
+def bright(wi, wo, k):
+    return k * wi[..., 2] * wo[..., 2]
+
+def sorted(wi, wo):
+    return jnp.sort(wi, axis=-1)[..., 2]
+
+def slow(wi, wo):
+    return np.asarray(wi)[..., 2]
 """
 
 
@@ -55,10 +67,37 @@ def test_a_users_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert not Path("c.json").exists()
 
 
+def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine.py").write_text(MINE)
+    assert run(["certify", "mine.py:bright", "--over", "k=0:0.45", "-o", "c.json"]) == ExitCode.PASSED
+    text = (
+        "CONSERVES: The directional albedo of the program of mine.py:bright (6 operations) is at most 1 for every k from 0 to"
+    )
+    assert text in capsys.readouterr().out
+    record = json.loads(Path("c.json").read_text())
+    assert (record["range"], record["lobe"]["kind"]) == ({"k": ["0", "0.45"], "cos_theta": ["0", "1"]}, "program")
+    assert run(["certify", "--verify", "c.json"]) == ExitCode.FAILED
+    assert "does not hold its boxes: brdfcheck certify finds them again" in capsys.readouterr().out
+    assert run(["certify", "mine.py:bright", "--over", "k=0:0.5"]) == ExitCode.FAILED
+    assert "VIOLATES: The directional albedo of the program of mine.py:bright (6 operations) is at least 1.0" in (
+        capsys.readouterr().out
+    )
+    assert run(["certify", "mine.py:bright", "--over", "k=0:0.5", "--cos-theta", "0:0.9"]) == ExitCode.PASSED
+    assert "for every k from 0 to 0.5 at every cos(theta) from 0 to 0.9." in capsys.readouterr().out
+    # 3/(2 pi): the albedo along the normal is 1, and rounding stands between it and a proof.
+    limit = ["certify", "mine.py:bright", "--over", "k=0.477464829275686", "--seconds", "0.5"]
+    assert run(limit) == ExitCode.FAILED
+    assert "UNDECIDED: after" in (out := capsys.readouterr().out)
+    assert re.search(r"the albedo is proved to be at most 1\.\d{4} for k = 0.477464829275686 at every angle", out)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["mine.py:dull"], "mine.py:dull is no formula that certify knows; it knows Lambert"),
+        (["mine.py:dull", "--seconds", "0"], "mine.py:dull is no formula that certify knows; it knows Lambert"),
+        (["mine.py:sorted"], "sort is not covered by the arithmetic of proofs"),
+        (["mine.py:slow"], "mine.py:slow cannot be traced by JAX, and certify proves what can be"),
+        (["mine.py:bright", "--over", "k=1:inf"], "mine.py:bright: for a proof of a function the range of k must be finite"),
         (["phong", "--over", "m=1"], "phong has no parameter 'm'; its parameters: n"),
         (["phong", "--verify", "c.json"], "give a BRDF to certify, or --verify FILE, but not both"),
         (["--verify", "c.json", "-o", "d.json"], "--verify takes nothing but the certificate"),

@@ -15,6 +15,7 @@ from selection import few
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized
 from brdfcheck.cli import ExitCode
+from brdfcheck.proof import certify
 from brdfcheck.verdict import Verdict, check
 
 Run = Callable[..., tuple[int, str, str]]
@@ -50,6 +51,24 @@ def test_plain_text(run: Run) -> None:
     assert "factor (n + 7.24267604)/26.17000503  (minimax over n=1:1000)" in out
     assert "smallest  albedo 0.9063806983  at n=1, normal incidence" in out
     assert "verdict   CONSERVES over all angles" in out
+
+
+@pytest.mark.parametrize("name", ["binomial-power-half", "schlick-mirror"])
+def test_a_factor_near_the_optimum_is_proved(run: Run, name: str) -> None:
+    """The optimum touches 1: which side its digits are on is chance. The factor printed as proved has a certificate."""
+    out = run("fit", name)[1]
+    best = re.search(r"factor \(n \+ ([\d.]+)\)/([\d.]+)", out)
+    safe = re.search(r"  proved    \(n \+ ([\d.]+)\)/([\d.]+)  has E <= 1 at every angle and n of the range", out)
+    assert best
+    assert safe
+    a, b = float(safe[1]), float(safe[2])
+    assert np.allclose([a, b], [float(best[1]), float(best[2])], rtol=2e-9)
+    lobe = type(catalog.entry(name).family.build(n=1.0).core)
+    assert certify(lambda n: Normalized(lobe(n), Factor(a, b)), n=(1, 1000))
+
+
+def test_no_proof_is_claimed_where_there_is_none(run: Run) -> None:
+    assert "proved" not in run("fit", "kuijk-blake-mirror")[1]
 
 
 @pytest.mark.parametrize("name", few(["binomial-power-half", "schlick-mirror", "lyon-1-mirror", "phong"], ("schlick-mirror",)))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shlex
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from measured import lambert, merl_bytes, rgl_bytes, write
 from selection import few
 
 import brdfcheck
@@ -18,7 +21,12 @@ ROOT = Path(brdfcheck.__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # What makes a command short enough for a test (`test_catalog` checks and audits all), what takes long all the same, and what is
 # tested where there is a cluster.
-SHORTER = {"render furnace -o furnace.png": "--size 24 --quality draft", "check": "-k phong", "audit": "-k phong-pdf"}
+SHORTER = {
+    "render furnace -o furnace.png": "--size 24 --quality draft",
+    "check": "-k phong",
+    "check --config gate.toml": "-k b",
+    "audit": "-k phong-pdf",
+}
 LONG = ("render furnace", "budget scene.toml")
 ELSEWHERE = ("--scheduler",)
 
@@ -30,6 +38,14 @@ def files() -> dict[str, str]:
         for name, text in re.findall(r"^`(\S+)`:\n\n```\w+\n(.*?)^```", page.read_text(), re.M | re.S):
             assert found.setdefault(name, text) == text, name
     return found
+
+
+@functools.cache
+def measured_file(name: str) -> bytes:
+    """What stands for a measured file that the pages name."""
+    if name.endswith(".binary"):
+        return merl_bytes(lambert(0.5))
+    return rgl_bytes(0.5, np.radians([0, 20, 40, 60, 75, 88]), size=12, finer=24, colours=(0.3, 0.2, 0.1))
 
 
 def commands() -> list[str]:
@@ -52,6 +68,8 @@ def programs() -> list[tuple[str, str]]:
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in files().items():
         (tmp_path / name).write_text(text)
+    for name in {word for command in commands() for word in command.split() if word.endswith((".binary", ".bsdf"))}:
+        write(tmp_path, name, measured_file(name))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.delitem(sys.modules, "mine", raising=False)

@@ -38,7 +38,7 @@ FITS = {
     "lambert": {"degree": (1, 0)},
 }
 
-FAST = ("phong", "kuijk-blake-half", "binomial-power-mirror", "ggx")
+FAST = ("kuijk-blake-half", "ggx")
 
 
 class Lazy(dict):

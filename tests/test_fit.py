@@ -42,7 +42,7 @@ LOBES = [
 ]
 
 # One of each lobe, in both forms where it has two.
-FAST = ("phong", "blinn-phong", "schlick-half", "kuijk-blake-mirror", "lyon-2-half", "lyon-3-mirror", "binomial-power-half")
+FAST = ("schlick-half", "kuijk-blake-mirror", "lyon-2-half", "binomial-power-half")
 
 
 @functools.cache

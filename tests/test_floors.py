@@ -21,6 +21,7 @@ GROUND = {
     "cores",
     "interruption",
     "documents",
+    "folders",
     "processes",
     "names",
 }
@@ -34,7 +35,8 @@ FLOORS = [
     {"output"},
     {"plots"},
     {"studies", "sweep", "scene", "transport", "budgets"},
-    {"cli"},
+    {"gate"},
+    {"cli", "pytest_plugin"},
     {"__main__", "__init__", "lobes", "microfacet"},
 ]
 # Imports within a floor, and why.

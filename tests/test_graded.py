@@ -50,6 +50,7 @@ def test_nodes_fill_the_hemisphere_at_every_angle(rule: GradedRule):
         np.testing.assert_allclose(np.sum(weight * values, axis=1), exact, atol=np.pi * tolerance)
 
 
+@pytest.mark.slow
 def test_it_converges_for_microfacets_of_any_roughness():
     mu = np.array([1.0, 0.9, 0.5, 0.2, 0.05, 1e-3])
     for alpha, bound in ((0.01, 5e-3), (0.1, 1e-4), (0.5, 1e-4), (1.0, 1e-4)):

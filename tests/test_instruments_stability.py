@@ -175,6 +175,7 @@ def test_slopes_near_nothing_in_float32(build):
     assert np.all(np.isposinf(found.error))
 
 
+@pytest.mark.slow
 def test_overflow_is_inf_of_unknown_error():
     lobe = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), BinomialPower(1e5, clamped=False))
     for answer in (albedo(lobe, jnp.float32(0.5)), RULES["zonal"](6)(lobe, jnp.float32(0.5))):

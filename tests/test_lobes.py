@@ -59,7 +59,7 @@ FORMULAS: dict[str, tuple[Callable, str, Callable]] = {
     ),
 }
 # One of each lobe.
-FAST = ("phong", "schlick-half", "kuijk-blake-half", "lyon-2-mirror", "binomial-half", "unclamped")
+FAST = ("phong", "kuijk-blake-half", "lyon-2-mirror", "unclamped")
 CLAMPED = [name for name in FORMULAS if "unclamped" not in name]
 
 

@@ -369,6 +369,7 @@ for kind, curves in (("albedo-vs-n", [PUBLISHED]), ("albedo-vs-angle", [angle_cu
 """
 
 
+@pytest.mark.slow
 def test_the_same_bytes_in_every_process():
     outputs = [
         subprocess.run(

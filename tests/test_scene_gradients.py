@@ -104,6 +104,7 @@ def test_reverse_mode_is_the_central_difference(name):
         assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / (2 * step), rel=1e-5, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", few(["phong", "cook-torrance", "beckmann-smith-correlated"], ("phong",)))
 def test_both_modes_through_the_furnace_in_float32(name):
     value = jnp.asarray(9.2 if name == "phong" else 0.3, jnp.float32)

@@ -264,6 +264,7 @@ def test_the_lost_highlight():
     assert failures.lost_highlight(mesh, jnp.ones((2, 3))).shape == (2, 3)
 
 
+@pytest.mark.slow
 def test_the_zigzag_loses_its_folds_and_the_corrugation_keeps_its_waves():
     assert failures.facet_contrast(zigzag()) == pytest.approx(2 * np.sin(np.radians(25)) * np.sin(np.arctan(0.9)), rel=1e-13)
     assert round(float(failures.facet_contrast(zigzag())), 3) == 0.565

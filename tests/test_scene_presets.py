@@ -145,6 +145,7 @@ def test_a_large_furnace_integrates_each_angle_once():
     assert np.all(distance[number >= 0] < 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", few([1, 2, 4], (2,)))
 def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
     _, tile = white_furnace._furnace_pair(canvas.Canvas(49, samples), "binomial-power-unclamped", {"n": 40})

@@ -65,6 +65,7 @@ def test_images_are_those_of_plain_numpy(kind):
         np.testing.assert_allclose(np.moveaxis(found, 0, -1)[clear], expected[clear], atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0, 2])
 def test_phong_with_exact_normals_is_the_exact_sphere(level):
     # A vertex at its own normal: what is interpolated and made unit again points from the centre through the facet.

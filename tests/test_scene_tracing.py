@@ -104,6 +104,7 @@ def test_mirrors_in_a_closed_room_are_a_geometric_series(depth, dtype):
     assert image.dtype == dtype
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", few([1.33, 1.5, 2.4, 0.8], (1.5, 0.8)))
 def test_glass_before_white_vanishes_but_for_the_depth_limit(index):
     # The angle inside a sphere is the same at every bounce, so what is still inside after d of them is (1 - F) F^(d-1).
@@ -244,6 +245,7 @@ def test_blocks_do_not_show(monkeypatch):
 SHEER = functools.partial(Translucent, w=1.0, n=10.0, t_h=0.8, t_p=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", few(["perspective", "orthographic"], ("orthographic",)))
 def test_translucent_spheres_by_rays_and_by_painting_are_the_same(kind):
     # The seed's figure 9: opaque and translucent spheres before and behind one another, w = 1, n = 10, t_h = .8, t_p = 1.

@@ -65,7 +65,7 @@ def reports(tmp_path_factory):
 
 
 # Of the lobes, the verdict, the factors and the rules.
-FAST = ("raw_albedo", "normalized_albedo", "published_claims", "factor_objectives", "stability_sampling")
+FAST = ("raw_albedo", "published_claims", "stability_sampling")
 
 
 @pytest.mark.parametrize("name", few(STUDIES, FAST))

@@ -255,3 +255,38 @@ def test_a_range_must_belong_to_some_brdf(kinds: str) -> None:
     assert (phong.family.ranges["n"], ggx.family.ranges["alpha"]) == ((0.01, 1e5), (0.1, 0.2))
     phong, mine = resolve(["phong", f"{kinds}:Mine", "phong"], {"n": (1.0, 2.0), "gloss": (0.0, 1.0)}, None)
     assert (phong.family.ranges, mine.family.ranges) == ({"n": (1.0, 2.0)}, {"gloss": (0.0, 1.0)})
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [("plain", 5), ("made", 8), ("decorated", 11), ("Material.eval", 16), ("imported", 2), ("either", 22), ("both", 23)],
+)
+def test_the_line_is_where_the_file_gives_the_name(write: Write, name: str, line: int) -> None:
+    write("def imported(wi, wo):\n    return 0.1 + 0 * wi[..., 2]\n", "neighbour_with_a_line.py")
+    source = """
+        from neighbour_with_a_line import imported
+        import functools, jax
+
+        def plain(wi, wo):
+            return 0.1 + 0 * wi[..., 2]
+
+        made = functools.partial(plain)
+
+        @jax.jit
+        def decorated(wi, wo):
+            return 0.1 + 0 * wi[..., 2]
+
+        class Material:
+            eval = None
+            def eval(wi, wo):
+                return 0.1 + 0 * wi[..., 2]
+
+        if False:
+            either = None
+        else:
+            either = plain
+        both, other = plain, 3
+        """
+    path = write(source)
+    target = one(f"{path}:{name}")
+    assert (target.file, target.line) == (path, line)

@@ -384,6 +384,7 @@ def test_a_kink_across_the_axes_is_in_the_bar(count: int, function: bool):
     assert found.value > 1.04
 
 
+@pytest.mark.slow
 def test_a_needle_that_the_quick_rules_blur_has_no_kink():
     # Their noise looks like one: 0.999 +- 0.002 it was, which decides nothing.
     def needle(wi, wo, n):

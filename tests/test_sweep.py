@@ -135,6 +135,7 @@ def test_values_are_those_of_albedo(document, tolerance, tmp_path):
         assert int(cell.evaluations) > 0
 
 
+@pytest.mark.slow
 def test_precision_and_k_are_axes(tmp_path):
     document = {
         "brdf": "BinomialPower",

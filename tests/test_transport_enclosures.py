@@ -50,6 +50,7 @@ def test_the_cube_of_the_facts():
     assert factors[5, 4] == pytest.approx(0.1998248957, abs=5e-11)
 
 
+@pytest.mark.slow
 def test_polyhedra_agree_with_the_closed_forms():
     exact = transport.box(cells=2)
     found = transport.polyhedron(CUBE, FACES, divisions=2)
@@ -70,6 +71,7 @@ def test_cylinder_against_its_disks():
     assert coarse == pytest.approx(np.asarray(can.form_factors), abs=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", few(["box", "sphere"], ("box",)))
 def test_rays_land_where_the_form_factors_say(name):
     """Cosine-distributed rays from evenly spread points of a patch: the frequencies of the patches they hit."""

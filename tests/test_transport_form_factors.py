@@ -149,6 +149,7 @@ def test_arrays_and_errors_that_hold():
 # --- polygons ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("other", "name"), [(TOP, "parallel"), (SIDE, "sharing an edge")])
 @pytest.mark.parametrize("order", few([4, 8, 12, 16], (8, 16)))
 def test_patches_with_an_honest_error(other, name, order):

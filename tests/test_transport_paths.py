@@ -32,6 +32,7 @@ def scores(found, exact):
 # --- diffuse walls ---
 
 
+@pytest.mark.slow
 def test_paths_solve_the_equation_of_patches_with_an_honest_error():
     cube = transport.box()
     exact = np.array([0.40938030] * 4 + [1.28654972, 0.40926241])
@@ -110,6 +111,7 @@ def test_paths_that_would_never_end_are_refused(rho):
     assert np.all(np.isnan(refused.value))
 
 
+@pytest.mark.slow
 def test_paths_under_way_and_a_radius_that_is_not_known():
     light = np.array([1.0, 0, 0, 0, 0, 0, 0, 0])
     sphere, wall = transport.sphere(4, 2), Normalized(Phong(3.0), PhongExact())
@@ -132,6 +134,7 @@ def test_paths_under_way_and_a_radius_that_is_not_known():
 # --- lobes ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "brdf", few([entry("schlick-half", 6.0), CookTorrance(0.6)], ("Normalized",), lambda brdf: type(brdf).__name__)
 )
@@ -153,6 +156,7 @@ def test_both_samplings_give_the_same_light(brdf):
     assert total == pytest.approx(reflected, abs=6 * float(np.linalg.norm(lobe.error)) / 8)
 
 
+@pytest.mark.slow
 def test_a_sharp_lobe_is_sampled_where_it_is():
     room = transport.sphere(4, 2)
     light = np.array([1.0, 0, 0, 0, 0, 0, 0, 0])
@@ -207,6 +211,7 @@ def test_a_box_keeps_less_than_the_sphere():
     assert rate > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", few([jnp.float32, jnp.float64], (jnp.float32,)))
 def test_the_energy_between_diffuse_walls_is_left_to_rounding_only(dtype):
     """Lambert's lobe is the cosine: nothing scatters, whatever the sampling, and the error is that of the sums."""
@@ -222,6 +227,7 @@ def test_the_energy_between_diffuse_walls_is_left_to_rounding_only(dtype):
 # --- the ends of the catalogue ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -249,6 +255,7 @@ def test_what_conserves_is_never_said_to_diverge(name, value):
         assert operator.energy([1000])[0, -1] <= 1 + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [pytest.param("phong", 3000.0, marks=pytest.mark.slow), ("ggx", 0.05)])
 def test_bounds_from_few_nodes_contain_the_radius_from_many(name, value):
     exact = transport.angular_operator(entry(name, value)).spectral_radius()

@@ -213,6 +213,7 @@ def test_too_few_terms_say_so():
 # --- programs ---
 
 
+@pytest.mark.slow
 def test_float32_stays_float32():
     room = transport.box(cells=2, dtype=jnp.float32)
     exact = transport.direct(transport.box(cells=2), transport.box(cells=2).on_wall(4, 1.0), 0.7).value

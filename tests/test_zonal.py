@@ -52,7 +52,7 @@ def test_accuracy_and_honest_error_bar(name):
     assert np.max(np.asarray(result.error) / table.albedo) <= tight
 
 
-@pytest.mark.parametrize("name", few(LOBES, ("kb_half", "binomial16_unclamped")))
+@pytest.mark.parametrize("name", few(LOBES, ("binomial16_unclamped",)))
 def test_looser_requests_are_honest_and_cheaper(name):
     table = TABLES[name]
     lobe = LOBES[name](table.n)
@@ -66,7 +66,7 @@ def test_looser_requests_are_honest_and_cheaper(name):
     assert costs[0] < costs[1] < costs[2]
 
 
-@pytest.mark.parametrize("name", few([name for name in LOBES if "unclamped" not in name], ("phong", "kb_half")))
+@pytest.mark.parametrize("name", few([name for name in LOBES if "unclamped" not in name], ("phong",)))
 def test_float32(name):
     table = TABLES[name]
     keep = (table.n <= 1e5) & (table.cos_theta >= 1e-3)
@@ -101,7 +101,7 @@ def test_lambert_reflects_its_reflectance_at_every_angle():
 WIDE = ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"]
 
 
-@pytest.mark.parametrize("name", few(WIDE, ("phong", "schlick_half")))
+@pytest.mark.parametrize("name", few(WIDE, ("phong",)))
 def test_against_brute_force_over_the_outgoing_hemisphere(name):
     # Ties the albedo to the function f(wi, wo) that users call, not only to the reduced integral.
     lobe = LOBES[name](5.0)
@@ -160,7 +160,7 @@ BACKWARDS, FORWARDS = jax.jit(jax.grad(value)), jax.jit(jax.jacfwd(value))
 
 
 # Of the half form `test_rules` has one every time.
-@pytest.mark.parametrize("name", few(SLOPES, [name for name in SLOPES if name.startswith(("phong", "a hemi"))]))
+@pytest.mark.parametrize("name", few(SLOPES, [name for name in SLOPES if name.startswith("phong")]))
 def test_the_derivative_at_normal_incidence_is_the_limit(name):
     lobe, right = SLOPES[name]
     assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
@@ -183,7 +183,7 @@ STEEP = {
 }
 
 
-@pytest.mark.parametrize("name", few(STEEP, ("kb-1-half", "kb-0-half")))
+@pytest.mark.parametrize("name", few(STEEP, ("kb-0-half",)))
 def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(name):
     lobe = STEEP[name]
     right = slope_at_normal(lambda mu: value(mu, lobe))
@@ -207,7 +207,7 @@ def test_huge_powers_keep_their_digits(lobe, mu, right):
 
 
 @pytest.mark.parametrize("form", ["mirror", "half"])
-@pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (7, 53)))
+@pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (53,)))
 def test_bars_of_any_power_contain_the_closed_form(power, form):
     # At normal incidence, for lobes that end inside: (1 - v/e)^k with e = k/n times a polynomial in v.
     k = 2**power

@@ -6,4 +6,5 @@ from . import factors as factors
 from . import family as family
 from . import lobes as lobes
 from . import microfacet as microfacet
+from . import mixtures as mixtures
 from . import subject as subject

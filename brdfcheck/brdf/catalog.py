@@ -222,6 +222,14 @@ class _Catalog:
 _CATALOG = _Catalog()
 
 
+_BUILT_IN = frozenset(_CATALOG.entries)
+
+
+def built_in(name: str) -> bool:
+    """True for an entry of this package, False for one that was registered."""
+    return name in _BUILT_IN
+
+
 def register(entry: Entry) -> None:
     """Add an entry, for this process: its name is then known wherever one of the catalogue is. ValueError for a known name.
 

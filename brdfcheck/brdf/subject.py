@@ -20,9 +20,10 @@ from brdfcheck.brdf.blame import told
 from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, directional, over_cosine
 from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
-from brdfcheck.brdf.readers.python import line_of
+from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
+from brdfcheck.brdf.values import Range, Values, by_value
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
@@ -30,26 +31,26 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("brdfcheck")
 
-Range = tuple[float, float]
-
 # Exponents and roughnesses are never directions.
 _PARAMETERS = frozenset({"n", "m", "k", "alpha", "roughness"})
-# What a parameter runs over when a class of this package is given without ranges.
-_USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
+USUAL_RANGES = {"n": (1.0, 1000.0), "m": (0.05, 1.0), "alpha": (0.05, 1.0)}
+"""What a parameter runs over when a class of this package is given without ranges."""
 
 
 @dataclass(frozen=True)
 class Target:
     """A family, and what is known of it beforehand.
 
-    `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined (None where that is no
-    file named on a command line).
+    `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined, the file as it was
+    named (None where that is no file named on a command line; the line also where a file has none, as a table).
+    `entry`: what the family is called without the values that its name ends with (None where it ends with none).
     """
 
     family: Any
     finding: str | None = None
     file: str | None = None
     line: int | None = None
+    entry: str | None = None
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,9 @@ def as_target(
 ) -> Target:
     """Whatever somebody hands over as a `Target`: the one door, for Python and for the command line.
 
-    `value`: a name, ``file.py:object``, a shader file (read as `reading` says), a `Family`, a BRDF, a function f(wi, wo),
-    perhaps with parameters, a class or a factory, whose parameters run over `ranges`; or a `Target`, which stays what it is.
+    `value`: a name, ``file.py:object``, a shader file (read as `reading` says) or a measured one, a `Family`, a BRDF, a
+    function f(wi, wo), perhaps with parameters, a class or a factory, whose parameters run over `ranges`; or a `Target`, which
+    stays what it is.
     Raises UsageError (a ValueError) for unknown names, for parameters that have no range or do not exist, and where a lobe of
     this package refuses their values; TypeError for something that is not a BRDF.
     """
@@ -219,9 +221,9 @@ def family_of(
         refuse_batched(value)
         build = varied(value, tuple(ranges)) if ranges else constant(value)
         family = both_sides(Family(spec, _returning(build, reading), ranges, cosines), sides)
-        return Target(family, _refusal(family, user=True), file, line_of(value))
+        return Target(family, _refusal(family, user=True), file, line_of(value, spec))
     if not ranges and inspect.isclass(value) and issubclass(value, (AbstractBRDF, AbstractBSDF)):
-        ranges = {name: _USUAL_RANGES[name] for name in signature.required if name in _USUAL_RANGES}
+        ranges = {name: USUAL_RANGES[name] for name in signature.required if name in USUAL_RANGES}
     unknown = [name for name in ranges if name not in signature.names]
     if unknown and not signature.open:
         raise UsageError(no_parameter(spec, unknown[0], signature.names))
@@ -258,7 +260,7 @@ def family_of(
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
     family = both_sides(Family(spec, _returning(build, reading), swept, cosines, held), sides)
-    return Target(family, _refusal(family, user=True), file, line_of(value))
+    return Target(family, _refusal(family, user=True), file, line_of(value, spec))
 
 
 def _returning(build: Callable[..., Any], reading: Reading | None) -> Callable[..., Any]:
@@ -372,18 +374,37 @@ def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
 
 
 def resolve(
-    names: Iterable[str], ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
+    names: Iterable[str], ranges: Mapping[str, Range | Values], cos_theta: Range | None, reading: Reading | None = None
 ) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
-    A user's Python file is imported here, once, however many of its objects are named; `reading`: how shader files are read.
-    Raises UsageError.
+    A user's Python file is imported here, once, however many of its objects are named; ``file.py:*`` names all that it offers.
+    Of a parameter that has several `Values` each makes a target of its own; of a vector they are the components. `reading`:
+    how shader files are read. Raises UsageError.
     """
+    modules: dict[str, ModuleType] = {}
+    every = list(dict.fromkeys(part for name in names for part in _spread(name, modules)))
+    known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
+    return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)
+
+
+def _spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
+    """The name, or for ``file.py:*`` the specs of all that the file offers."""
+    path, _, last = name.rpartition(":")
+    return offered(path, modules) if last == "*" and path else [name]
+
+
+def _resolve(
+    names: list[str],
+    ranges: Mapping[str, Range],
+    cos_theta: Range | None,
+    reading: Reading | None,
+    modules: dict[str, ModuleType],
+) -> list[Target]:
+    """`resolve` for names of one BRDF each, and ranges."""
     from brdfcheck.brdf.family import Family
 
-    modules: dict[str, ModuleType] = {}
     targets: list[Target] = []
-    names = list(dict.fromkeys(names))
     known_ranges: set[str] = set()
     waiting: list[tuple[int, Any, str]] = []
     for name in names:

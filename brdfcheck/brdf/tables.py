@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Self
 
@@ -33,6 +33,10 @@ class Samples:
     guess: str = ""
     channels: tuple[str, ...] = ()
 
+    def of(self, channels: Sequence[int]) -> Samples:
+        """The same of some channels."""
+        return replace(self, channels=tuple(self.channels[channel] for channel in channels) if self.channels else ())
+
 
 class AbstractTable(AbstractBRDF):
     """A BRDF between samples: linear there, or (`nearest`) equal to the nearest of them. Samples without data count as 0.
@@ -46,6 +50,10 @@ class AbstractTable(AbstractBRDF):
     @abc.abstractmethod
     def by_nearest(self) -> Self:
         """The same table by the nearest sample."""
+
+    @abc.abstractmethod
+    def of_channels(self, channels: Sequence[int]) -> Self:
+        """The table of some of its channels."""
 
     @abc.abstractmethod
     def filled(self) -> Self | None:
@@ -88,7 +96,7 @@ def nodes_beside(place: Array, nodes: Array, *, nearest: bool) -> Bracket:
     count = len(nodes)
     if count == 1:
         return [(jnp.zeros_like(place, int), None)]
-    high = jnp.clip(jnp.searchsorted(nodes, place, method="compare_all"), 1, count - 1)
+    high = jnp.clip(jnp.searchsorted(nodes, place, method="compare_all").astype(int), 1, count - 1)
     low = high - 1
     part = jnp.clip((place - nodes[low]) / (nodes[high] - nodes[low]), 0, 1)
     if nearest:
@@ -96,10 +104,10 @@ def nodes_beside(place: Array, nodes: Array, *, nearest: bool) -> Bracket:
     return [(low, 1 - part), (high, part)]
 
 
-def looked_up(values: Any, shape: Sequence[int], brackets: Sequence[Bracket]) -> Array:
+def looked_up(values: Any, shape: Sequence[int], brackets: Sequence[Bracket], dtype: Any) -> Array:
     """The multilinear look-up in `values`, (samples, channels) or (samples,), whose samples form a grid of `shape`.
 
-    What is negative counts as 0.
+    What is negative counts as 0. The result is of the type `dtype`, that of the weights.
     """
     values = jnp.asarray(values)
     total: Any = None
@@ -110,8 +118,8 @@ def looked_up(values: Any, shape: Sequence[int], brackets: Sequence[Bracket]) ->
             index = index * size + place
             if part is not None:
                 weight = part if weight is None else weight * part
-        found = jnp.maximum(values.at[index].get(mode="promise_in_bounds"), 0)
+        found = jnp.maximum(values.at[index].get(mode="promise_in_bounds"), 0).astype(dtype)
         if weight is not None:
-            found = found.astype(weight.dtype) * (weight if values.ndim == 1 else weight[..., None])
+            found = found * (weight if values.ndim == 1 else weight[..., None])
         total = found if total is None else total + found
     return total

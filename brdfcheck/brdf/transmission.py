@@ -154,7 +154,7 @@ class SmoothDielectric(AbstractSmooth):
 class ThinSheet(AbstractSmooth):
     """A clear pane of parallel faces with the same medium on both sides; all reflections between the faces are added.
 
-    `index`: that of the pane over that of its surroundings; `transmittance`: the share that one crossing along the normal leaves
+    `index`: that of the pane over that of its surroundings; `transmittance`: the share that a crossing along the normal leaves
     (Bouguer: its logarithm grows with the path). ValueError for an index that is not finite and > 0, or 1, and a transmittance
     outside [0, 1].
     """
@@ -190,8 +190,9 @@ class RoughDielectric(AbstractBSDF):
     $f_r = F D G / (4 |N \cdot w_i| |N \cdot w_o|)$ and
     $f_t = \frac{|w_i \cdot h_t| |w_o \cdot h_t|}{|N \cdot w_i| |N \cdot w_o|}
     \frac{\eta_o^2 (1 - F) D G}{(\eta_i (w_i \cdot h_t) + \eta_o (w_o \cdot h_t))^2}$, with
-    $h_t$ along $-(\eta_i w_i + \eta_o w_o)$ and F the unpolarised reflectance of a smooth boundary. `alpha`: roughness; `eta`: index below over index above;
-    `distribution`: "ggx" or "beckmann". ValueError for alpha <= 0, eta that is not finite and > 0, or 1, or an unknown name.
+    $h_t$ along $-(\eta_i w_i + \eta_o w_o)$ and F the unpolarised reflectance of a smooth boundary. `alpha`: roughness;
+    `eta`: index below over index above; `distribution`: "ggx" or "beckmann".
+    ValueError for alpha <= 0, eta that is not finite and > 0, or 1, or an unknown name.
     """
 
     alpha: Float[Array, ""]

@@ -3,8 +3,8 @@ r"""Functions on the whole sphere as BSDFs, and a BSDF as what engines take: BRD
 The transmitted half is folded up without a loss: the energy is $\int f |N \cdot w_o|\, dw_o$, an integral over the unit disc of
 (x, y), and the disc goes onto itself by $z \mapsto (z + a) / (1 + \bar a z)$, $z = x + i y$, with the density
 $(1 - |a|^2)^2 / |1 + \bar a z|^4$. The number a is chosen so that the mirror direction goes to the refracted one: so
-engine 3, which looks for needles there, finds those of what is transmitted. With equal indices a is 0, and the fold is the mirror
-image in the surface.
+engine 3, which looks for needles there, finds those of what is transmitted. With equal indices a is 0, and the fold is the
+mirror image in the surface.
 """
 
 from __future__ import annotations

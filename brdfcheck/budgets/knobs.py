@@ -8,6 +8,7 @@ colours in [0, 1] and no BRDFs, for which the law says nothing: a stand-in there
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -62,6 +63,7 @@ _FITTED = MappingProxyType({
 })  # fmt: skip
 _BOUNCES = (0, 1, 2, 4, 8, 16, 32)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+_TABLES = (8, 32, 128)
 _SHADINGS = ("flat", "Gouraud", "Phong")
 PRECISIONS = ("float16", "float32", "float64")
 _FRESNELS = ("none", "schlick", "exact")
@@ -84,6 +86,13 @@ def _integrated(scene: Scene) -> list[Term]:
     glossy = [term for term in material.terms if not term.matt]
     simple = all(term.fresnel == "none" and isinstance(term.brdf.core, AbstractZonalLobe) for term in glossy)
     return glossy if simple else []
+
+
+def _looked_up(scene: Scene) -> bool:
+    """True where something glossy is under a surrounding: what it reflects of it depends on the angle of view alone."""
+    material = scene.picture.material
+    surrounded = any(isinstance(light, Environment) for light in scene.picture.lights)
+    return surrounded and isinstance(material, Surface) and not all(term.matt for term in material.terms)
 
 
 def knobs_of(scene: Scene) -> tuple[Knob, ...]:
@@ -127,8 +136,12 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
             found.append(Knob("shading", "interpolation", shadings))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
-    if _integrated(scene):
-        found.append(Knob("quadrature", "nodes of the albedo", (*(str(count) for count in _QUADRATURE), "furnace")))
+    if _looked_up(scene):
+        rungs = [f"{count} nodes" for count in _QUADRATURE if _integrated(scene)]
+        rungs += [f"table of {count}" for count in _TABLES if count < math.prod(scene.picture.size)]
+        found.append(Knob("surrounding", "albedo under the surrounding", (*rungs, "furnace")))
+    if len(lights) > 1:
+        found.append(Knob("lights", "lights", tuple(f"{count} of {len(lights)}" for count in range(1, len(lights) + 1))))
     return (*found, Knob("precision", "precision", PRECISIONS))
 
 
@@ -142,7 +155,8 @@ class Plan:
 
     `facets`: (level of an icosphere or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for
     all.
-    `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself.
+    `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself. `table`: at how many cosines what is
+    reflected of a surrounding is computed, to be looked up in each pixel; None to compute it there.
     """
 
     material: Any
@@ -151,6 +165,7 @@ class Plan:
     facets: tuple[int | None, str] | None = None
     bounces: int | None = None
     quadrature: int | None = None
+    table: int | None = None
 
 
 def plan_of(scene: Scene, choice: Choice) -> Plan:
@@ -162,14 +177,19 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
         facets = (_level(int(count)), shading.lower())
     elif mesh is not None:
         facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
-    bounces, nodes = choice.get("bounces", "all"), choice.get("quadrature", "furnace")
+    bounces, surrounding = choice.get("bounces", "all"), choice.get("surrounding", "furnace")
+    lights, center = scene.picture.lights, _center(scene)
+    if "lights" in choice:
+        kept = sorted(range(len(lights)), key=lambda i: -_strength(lights[i], center))[: int(choice["lights"].split()[0])]
+        lights = [lights[i] for i in sorted(kept)]
     return Plan(
         _material(scene.picture.material, choice),
-        tuple(_light(light, choice.get("light", "polygon"), _center(scene)) for light in scene.picture.lights),
+        tuple(_light(light, choice.get("light", "polygon"), center) for light in lights),
         choice.get("precision", "float64"),
         facets,
         None if bounces == "all" else int(bounces),
-        None if nodes == "furnace" else int(nodes),
+        int(surrounding.split()[0]) if surrounding.endswith("nodes") else None,
+        int(surrounding.split()[-1]) if surrounding.startswith("table") else None,
     )
 
 
@@ -295,14 +315,25 @@ def _light(light: AbstractLight, model: str, center: np.ndarray) -> AbstractLigh
     middle = light.position if isinstance(light, Point) else jnp.mean(light.vertices, axis=0)
     way = middle - jnp.asarray(center, middle.dtype)
     distance = jnp.sqrt(jnp.sum(way * way))
-    if isinstance(light, AbstractRayLight):
-        irradiance = light.arriving(Vector(*center.tolist()))[1]
-    else:
-        irradiance = light.irradiance(Vector(*jnp.asarray(center, middle.dtype)), Vector(*(way / distance)))
-    intensity = light.intensity * irradiance
+    intensity = _irradiance(light, center)
     if model == "point":
         return Point(middle, intensity * distance**2, constant_attenuation=0.0, quadratic_attenuation=1.0)
     return Distant(way, intensity)
+
+
+def _irradiance(light: AbstractLight, center: np.ndarray) -> Float[Array, " 3"]:
+    """Of a surface at the object's centre that faces the light."""
+    if isinstance(light, AbstractRayLight):
+        return light.intensity * light.arriving(Vector(*center.tolist()))[1]
+    if isinstance(light, Polygon):
+        way = jnp.mean(light.vertices, axis=0) - jnp.asarray(center, light.vertices.dtype)
+        way = way / jnp.sqrt(jnp.sum(way * way))
+        return light.intensity * light.irradiance(Vector(*jnp.asarray(center, way.dtype)), Vector(*way))
+    return light.intensity * jnp.pi  # the same radiance from everywhere
+
+
+def _strength(light: AbstractLight, center: np.ndarray) -> float:
+    return float(jnp.sum(_irradiance(light, center)))
 
 
 def _unclipped(light: Polygon) -> Polygon:

@@ -33,6 +33,8 @@ from brdfcheck.runtime import double_precision
 from brdfcheck.scene.materials import NotConserving
 
 Combination = tuple[int, ...]
+Watch = Callable[[str], None]
+"""Called with the name of what is rendered next."""
 
 
 class Fault(NamedTuple):
@@ -127,7 +129,7 @@ _SLOWER = 1.25
 # The knobs that each part of the work depends on.
 _DEPENDS = {
     "seeing": ("facets", "shading", "precision"),
-    "shading": ("lobe", "fresnel", "metal", "light", "quadrature", "precision"),
+    "shading": ("lobe", "fresnel", "metal", "light", "lights", "surrounding", "precision"),
     "room": ("bounces", "precision"),
 }  # fmt: skip
 # Scenes whose measurements are kept.
@@ -210,13 +212,16 @@ class Measured:
     search: Search
     view: _View
 
-    def choose(self, tolerance: Any = None) -> Budget:
+    def choose(self, tolerance: Any = None, watch: Watch = lambda name: None) -> Budget:
         """The budget for a tolerance of a pixel, as in "0.5/255", by default the scene's; that of the energy is the scene's.
+
+        `watch`: called before each combination of rungs is rendered.
 
         ValueError for a tolerance that is none; BudgetError where the chosen picture misses it when it is rendered again.
         """
         pixel = self.scene.pixel if tolerance is None else scenes.tolerance_of(tolerance)
         limit = Fault(pixel, self.scene.energy)
+        self.view.watch = watch
         with double_precision():
             combination = self.search.best(limit)
             assert combination is not None, "the full model is within every tolerance"
@@ -267,6 +272,7 @@ class _View:
     full: Program
     reference: Image
     covered: Bool[np.ndarray, "height width"]
+    watch: Watch = lambda name: None
     times: dict[Any, Beside] = field(default_factory=dict)
     works: dict[Any, Any] = field(default_factory=dict)
 
@@ -277,6 +283,7 @@ class _View:
         return self.compiler.program(plan_of(self.scene, self.choice(combination)))
 
     def picture(self, combination: Combination) -> Fault:
+        self.watch(", ".join(self.choice(combination).values()))
         try:
             return self.fault(self.program(combination))
         except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
@@ -329,10 +336,11 @@ class _View:
         return Fault(pixel, lost / whole if whole > 0 else (0.0 if lost == 0 else np.inf))
 
 
-def measure(scene: Any) -> Measured:
+def measure(scene: Any, watch: Watch = lambda name: None) -> Measured:
     """Render each rung of a scene's knobs and count its work. `scene`: a path, a document of its keys, or a `scenes.Scene`.
 
-    A scene is measured once in a process, so that its budgets for several tolerances share pictures.
+    `watch`: called before each rung is rendered. A scene is measured once in a process, so that its budgets for several
+    tolerances share pictures.
 
     Raises UsageError for a scene that is wrong, ValueError where its lights, materials and camera do not go together.
     """
@@ -349,7 +357,7 @@ def measure(scene: Any) -> Measured:
         for other, measured in _kept:
             if other is key or (isinstance(key, tuple) and other == key):
                 return measured
-        measured = _measure(scene)
+        measured = _measure(scene, watch)
         _kept[: len(_kept) + 1 - _KEPT] = []
         _kept.append((key, measured))
         return measured
@@ -376,7 +384,7 @@ def _dearest(knobs: tuple[Knob, ...]) -> dict[str, str]:
     return {knob.name: knob.rungs[-1] for knob in knobs}
 
 
-def _measure(scene: Scene) -> Measured:
+def _measure(scene: Scene, watch: Watch) -> Measured:
     knobs, compiler = knobs_of(scene), Compiler(scene)
     dearest, base = _dearest(knobs), _full(scene, compiler, knobs)
     reference = base.image()
@@ -386,6 +394,7 @@ def _measure(scene: Scene) -> Measured:
 
     def tried(choice: dict[str, str]) -> tuple[Fault, str]:
         """The error of a rung alone, and why it is refused."""
+        watch(", ".join(choice.values()))
         try:
             program = compiler.program(plan_of(scene, {**dearest, **choice}))
         except ValueError as error:

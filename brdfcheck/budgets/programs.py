@@ -9,7 +9,7 @@ $\max(x, 0) = 1/4 + x/2 + \frac{5}{32}(3x^2 - 1) + ...$, x = w.n: all but about 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -82,7 +82,7 @@ class Compiler:
     def program(self, plan: Plan) -> Program:
         """The plan, compiled. ValueError for lights and materials that do not go together."""
         numbers = self._numbers(plan)
-        structure = (jax.tree.structure(numbers), plan.dtype, plan.facets, plan.bounces is None, plan.quadrature)
+        structure = (jax.tree.structure(numbers), plan.dtype, plan.facets, plan.bounces is None, plan.quadrature, plan.table)
         if structure not in self._known:
             self._known[structure] = jax.jit(lambda numbers: _picture(self.scene, plan, numbers)).lower(numbers).compile()
         return Program(self._known[structure], numbers, (structure, plan.bounces))
@@ -116,7 +116,7 @@ class Compiler:
         # Of any facets those of the scene, shaded in every pixel: the same number whatever is asked for first.
         plan = replace(plan, facets=None if plan.facets is None else (None, "phong"))
         numbers = self._numbers(plan)
-        key = ("shading", jax.tree.structure((numbers["material"], numbers["lights"])), plan.dtype, plan.quadrature)
+        key = ("shading", jax.tree.structure((numbers["material"], numbers["lights"])), plan.dtype, plan.quadrature, plan.table)
         if key not in self._known:
             moments = None if self.scene.room is None else jnp.ones(10, plan.dtype)
             _, points = self.seeing(plan)
@@ -195,13 +195,17 @@ def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Array:
 def _shader(plan: Plan, numbers: Mapping[str, Any], moments: Array | None) -> Shader:
     """What a point looks like, in a room whose radiance at the object has these `moments`, if there is one."""
     lights, material = list(numbers["lights"]), numbers["material"]
-    surroundings = [light for light in lights if isinstance(light, Environment) and plan.quadrature is not None]
+    simpler = plan.quadrature is not None or plan.table is not None
+    surroundings = [light for light in lights if isinstance(light, Environment) and simpler]
     others = [light for light in lights if not any(light is one for one in surroundings)]
 
     def shader(point: Any, normal: Any, view: Any) -> Array:
         color = shade(material, others, point, normal, view)
-        for light in surroundings:
-            color = color + _surrounded(material, light, dot(normal, view), plan.quadrature or 0)
+        if surroundings and plan.table is not None:
+            color = color + _looked_up(material, surroundings, dot(normal, view), plan.table)
+        elif surroundings:
+            for light in surroundings:
+                color = color + _surrounded(material, light, dot(normal, view), plan.quadrature or 0)
         if moments is not None:
             arriving = irradiance(moments, Vector(*normal)) / np.pi
             matt = sum((term.albedo() for term in material.terms if term.matt), jnp.zeros((), arriving.dtype))
@@ -220,6 +224,18 @@ def _seen(scene: Scene, plan: Plan, numbers: Mapping[str, Any], shader: Shader) 
     options = dict(picture.options)
     options["shading"] = plan.facets[1]
     return shade_mesh(mesh, camera, shader, size=picture.size, background=background, **options)
+
+
+def _looked_up(material: Surface, lights: Sequence[Environment], cosine: Array, entries: int) -> Array:
+    """What a surface reflects of uniform surroundings, between its values at `entries` equidistant cosines of the view."""
+    mu = jnp.linspace(0, 1, entries, dtype=cosine.dtype)
+    zero, one = jnp.zeros_like(mu), jnp.ones_like(mu)
+    view = Vector(jnp.sqrt(1 - mu * mu), zero, mu)
+    table = shade(material, lights, Vector(zero, zero, zero), Vector(zero, zero, one), view)
+    place = jnp.clip(cosine, 0, 1) * (entries - 1)
+    below = jnp.minimum(place.astype(jnp.int32), entries - 2)
+    share = place - below.astype(place.dtype)
+    return table[:, below] * (1 - share) + table[:, below + 1] * share
 
 
 def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int) -> Array:

@@ -64,12 +64,14 @@ app = typer.Typer(
     help="Does this BRDF conserve energy?",
     epilog="""\b
 Examples:
-  brdfcheck check                        the gate: every validated BRDF
+  brdfcheck check                        the gate: the BRDFs of your project, or every validated one
   brdfcheck check phong ggx              two of them
   brdfcheck check mine.py:glossy         a BRDF of your own
+  brdfcheck init                         a list of your project's BRDFs, for check
   brdfcheck audit                        what the literature claims, measured
   brdfcheck certify blinn-phong-6        a proof, as a certificate to check again
   brdfcheck fit blinn-phong              the factor that normalises a lobe
+  brdfcheck table ggx -o E.exr           a renderer's table, or functions for it
   brdfcheck sweep config.toml --out S    albedos over a grid, into a Zarr store
   brdfcheck plot albedo-vs-n phong       a figure for a paper
   brdfcheck render furnace -o FILE.png   a picture of a preset or of your own scene

@@ -15,6 +15,9 @@ from brdfcheck.messages import UsageError, one_line
 if TYPE_CHECKING:
     from brdfcheck.budgets.measure import Budget
 
+# Seconds between two lines about how far it is, where there is no terminal.
+_EVERY = 10
+
 
 @command(
     "budget",
@@ -83,18 +86,25 @@ def _budget(
     words.refuse_same({"--json": json, "--output": chart, "--images": images})
     output = Output(json)
     start()
+    from brdfcheck.budgets.knobs import knobs_of
     from brdfcheck.budgets.measure import BudgetError, measure
     from brdfcheck.budgets.scenes import read_scene
 
     read = read_scene(scene)
     try:
-        with output.waiting(f"measuring {read.label}: every rung of every knob is rendered"):
-            measured = measure(read)
+        rungs = sum(len(knob.rungs) for knob in knobs_of(read))
+        with output.progress(rungs, f"measuring {read.label}", every=_EVERY) as progress:
+
+            def watch(name: str) -> None:
+                progress.say(f"with {name}")
+                progress()
+
+            measured = measure(read, watch)
     except ValueError as error:  # what is right by itself and wrong together, as a camera inside the object
         raise UsageError(f"{one_line(scene)}: {one_line(error).removeprefix(f'{read.label}: ')}") from error
     try:
-        with output.waiting(f"rendering the choice for {read.label}"):
-            budget = measured.choose(tolerance)
+        with output.waiting(f"choosing for {read.label}", every=_EVERY) as say:
+            budget = measured.choose(tolerance, lambda names: say(f"choosing for {read.label}: {names}"))
     except BudgetError as error:
         output.line(one_line(error))
         return ExitCode.FAILED

@@ -9,7 +9,19 @@ from typing import Annotated
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, ExitCode, asked, command, start
+from brdfcheck.cli.app import (
+    CosTheta,
+    Debug,
+    Define,
+    ExitCode,
+    Include,
+    Returns,
+    Roles,
+    asked,
+    command,
+    reading,
+    start,
+)
 from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError, one_line
 
@@ -22,11 +34,14 @@ Examples:
   brdfcheck certify blinn-phong-6 --over n=0:inf
   brdfcheck certify binomial-power-published
   brdfcheck certify mine.py:glossy --over n=1:1000
+  brdfcheck certify mine.py:function --over n=1:20 --seconds 120
+  brdfcheck certify shader.glsl:BRDF --over n=1:20
   brdfcheck certify --verify certificate.json
 
-Proofs are of formulas that the package knows: its lobes with a factor (n+A)/B, a constant
-or an exact one, and its facets. A BRDF of your own is one that makes these from its
-parameter. The theorems are in docs/proofs.md, with their proofs.
+Of formulas that the package knows (its lobes with a factor (n+A)/B, a constant or an exact
+one, and its facets) proofs are exact. Of any other function that JAX can trace, shader files
+included, they are interval arithmetic: where the albedo leaves some room below 1 or rises
+above it, else the answer is the bound that is proved. The theorems are in docs/proofs.md.
 
 \b
 Exit codes:
@@ -50,6 +65,15 @@ def _certify(
             help="Let a parameter run over a range, whose upper end may be inf, or hold it with NAME=VALUE. Repeatable.",
         ),
     ] = None,
+    cos_theta: CosTheta = None,
+    seconds: Annotated[
+        float,
+        typer.Option(metavar="NUMBER", min=0, max=1e6, help="How long to look for the proof of a function; 0: not at all."),
+    ] = 60.0,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
     out: Annotated[
         str | None,
         typer.Option(
@@ -67,13 +91,13 @@ def _certify(
 ) -> int:
     """A proof that a BRDF conserves energy, or that it does not.
 
-    In exact arithmetic, for every value of the range and every angle of incidence; nothing is sampled. Where the law is broken,
-    the certificate has a point at which the albedo lies above 1, and the intervals of violation with their ends.
+    For every value of the range and every angle of incidence, in exact or interval arithmetic; nothing is sampled. Where the
+    law is broken, the certificate has a point at which the albedo lies above 1, and of lobes the intervals of violation.
     """
     if (name is None) == (check is None):
         raise UsageError("give a BRDF to certify, or --verify FILE, but not both")
     if check is not None:
-        if over or out:
+        if over or out or cos_theta or define or include or args or returns != "brdf":
             raise UsageError("--verify takes nothing but the certificate")
         return _verified(check)
     output = Output(alone=out == "-")
@@ -84,7 +108,9 @@ def _certify(
     certificate, trouble = None, None
     with contextlib.redirect_stdout(sys.stderr), asked():
         try:
-            certificate = certify(str(name), **words.together(over))
+            how = reading(define, include, args, returns)
+            ranges = words.together(over)
+            certificate = certify(str(name), seconds=seconds, cos_theta=cos_theta, reading=how, **ranges)
         except NotProved as error:
             trouble = error
     if certificate is None:

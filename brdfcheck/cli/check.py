@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import logging
-import math
 import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from brdfcheck.cli import words
+from brdfcheck.cli import project, words
 from brdfcheck.cli.app import (
     CosTheta,
     Debug,
@@ -32,12 +31,14 @@ from brdfcheck.cli.app import (
 )
 from brdfcheck.cli.output import Output
 from brdfcheck.cores import available_cores
+from brdfcheck.gate.cache import Verdicts
+from brdfcheck.gate.requests import Case, Request, evaluated
+from brdfcheck.gate.requests import cases as cases_of
 
 if TYPE_CHECKING:
-    from brdfcheck.brdf.subject import Target
+    from brdfcheck.gate.config import Gate
     from brdfcheck.verdict import Report
 
-_log = logging.getLogger("brdfcheck")
 _Effort = Literal["quick", "normal", "thorough"]  # `EFFORTS` of the search, which is imported later
 
 Tolerance = Annotated[
@@ -57,6 +58,12 @@ Effort = Annotated[
     _Effort,
     typer.Option(help="How many points the search looks at: quick before a commit, thorough before a release."),
 ]
+CheckEffort = Annotated[
+    _Effort | None,
+    typer.Option(
+        help="How many points the search looks at: quick before a commit, thorough before a release. [default: normal]"
+    ),
+]
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -73,16 +80,18 @@ Examples:
   brdfcheck check blinn-phong --over n=1:50
   brdfcheck check -k phong --json results.json --junitxml results.xml
   brdfcheck check mine.py:glossy --over n=1:1000 --over ks=0:1
+  brdfcheck check mine.py:* --over n=1,10,100 --quiet
   brdfcheck check mine.py:measured --cos-theta 0.02:1 --json -
   brdfcheck check disney.brdf --over metallic=1
   brdfcheck check shader.glsl:BRDF --over n=1:100 -D FAST=0 -I include
   brdfcheck check mitsuba:principled --over roughness=0.1:1
+  brdfcheck check gold-paint.binary --cos-theta 0.1:1
 
 A BRDF of your own is a function f(wi, wo) of unit vectors (..., 3), or of one pair (3,),
 with the normal along +z, in 1/sr; or one of angles (theta_i, phi_i, theta_o, phi_o) or
 (theta_h, theta_d, phi_d); or a class or a factory that takes parameters and makes one; or a
 shader file (.brdf, .glsl, .frag, .hlsl, .slang), whose parameters run over the ranges
-that the file gives, or over yours.
+that the file gives, or over yours; or a measured one (MERL .binary, RGL .bsdf).
 
 \b
 Exit codes:
@@ -96,9 +105,9 @@ def _check(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="Catalogue names (brdfcheck list), path/to/file.py:object, or shader files: FILE.brdf, FILE.glsl:FUNCTION;"
-            " or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID."
-            " [default: the validated catalogue]",
+            help="Catalogue names (brdfcheck list), path/to/file.py:object, shader files FILE.brdf, FILE.glsl:FUNCTION,"
+            " measured files FILE.binary, FILE.bsdf, or plug-ins of Mitsuba 3, mitsuba:NAME, mitsuba:FILE.xml#ID. FILE.py:* is"
+            " all that a file offers. [default: those of the project, otherwise the validated catalogue]",
             show_default=False,
         ),
     ] = None,
@@ -115,33 +124,65 @@ def _check(
     junitxml: Annotated[
         str | None, typer.Option("--junitxml", metavar="FILE", parser=words.file(), help="Write the results as JUnit XML.")
     ] = None,
-    effort: Effort = "normal",
+    effort: CheckEffort = None,
     jobs: Jobs = None,
+    config: project.Config = None,
+    no_config: project.NoConfig = False,
+    update_baseline: project.UpdateBaseline = False,
+    no_cache: project.NoCache = False,
+    quiet: project.Quiet = False,
+    watch: project.Watch = False,
     debug: Debug = False,
 ) -> int:
     """The gate: do these BRDFs conserve energy?
 
     Finds the largest directional albedo over all parameters and angles, with an error bar, and says what the answer rests on:
-    a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1, or that
-    the search did not settle. Also checks reciprocity, sign and finiteness.
+    a proof, a theorem, or a search and the width of what it could have missed. UNDECIDED means that the error bar contains 1,
+    or that the search did not settle. Also checks reciprocity, sign and finiteness. Without names it checks
+    what the project's pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
     """
     words.refuse_same({"--json": json, "--junitxml": junitxml})
-    how = reading(define, include, args, returns)
-    own = {"names": names or [], "over": words.together(over), "cos_theta": cos_theta, **how.record}
-    settings = _settings(substring, tolerance, rtol, effort, jobs, **own)
+    how, ranges = reading(define, include, args, returns), words.together(over, lists=True)
+    options = {"tolerance": tolerance, "rtol": rtol, "effort": effort}
+    gate = None if names else project.gate(config, no_config)
+    if gate is not None:
+        project.refuse_options(
+            {"--over": ranges, "--cos-theta": cos_theta, "-D, -I, --args or --returns": not how.is_plain}, gate
+        )
+        requests = gate.requests(**options)
+    else:
+        project.refuse_options_of_projects(names, config, update_baseline)
+        own = {**options, "effort": effort or "normal"}
+        wanted = tuple(names or project.validated())
+        requests = Request(wanted, ranges, cos_theta, how, **own).apart()
+    requests = project.filtered(requests, substring)
+    if watch:
+        return project.watched(requests, gate)
+    settings = _settings(
+        substring,
+        tolerance,
+        rtol,
+        effort,
+        jobs,
+        names=names or [],
+        over=ranges,
+        cos_theta=cos_theta,
+        config=None if gate is None else gate.path.name,
+        **how.record,
+    )
     began = time.perf_counter()
     start()
-    from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.subject import resolve
-
-    wanted = filtered(names or [entry.name for entry in catalog.entries() if entry.validated], substring)
+    verdicts = Verdicts(not no_cache and (gate is None or gate.document.cache))
     with contextlib.redirect_stdout(sys.stderr):
-        targets = resolve(wanted, settings["over"], cos_theta, how)
+        known = [verdicts.found(request) for request in requests]
+        cases = [
+            case
+            for request, found in zip(requests, known, strict=True)
+            for case in (cases_of(request) if found is None else found)
+        ]
         start()  # a user's file may have changed the precision
-    if tolerance is None:  # where BRDFs differ, each report says its own
-        settings["tolerance"] = min(target.family.tolerance for target in targets)
-        settings["own_tolerances"] = len({target.family.tolerance for target in targets}) > 1
-    return _run("check", targets, settings, Output(json), began, junitxml)
+    work = _Work("check", cases, settings, Output(json, quiet=quiet), began, junitxml, quiet, verdicts)
+    return _run(work, gate if update_baseline else None)
 
 
 @command(
@@ -170,13 +211,14 @@ def _audit(
     from brdfcheck.brdf.subject import Target
 
     names = filtered([entry.name for entry in catalog.entries() if not entry.validated], substring)
-    targets = [Target(catalog.entry(name).family) for name in names]
+    options: Any = {"tolerance": tolerance, "rtol": rtol, "effort": effort}
+    cases = [Case(Request((name,), **options), name, None, None, name, Target(catalog.entry(name).family)) for name in names]
     settings = _settings(substring, tolerance, rtol, effort, jobs)
-    return _run("audit", targets, settings, Output(json), began, None)
+    return _run(_Work("audit", cases, settings, Output(json), began), None)
 
 
 def _settings(
-    substring: str, tolerance: float | None, rtol: float | None, effort: str, jobs: int | None, **own: Any
+    substring: str, tolerance: float | None, rtol: float | None, effort: str | None, jobs: int | None, **own: Any
 ) -> dict[str, Any]:
     """The options as they are recorded; `own`: those of `check` alone."""
     return {
@@ -186,121 +228,140 @@ def _settings(
         "cos_theta": None,
         "tolerance": 1e-9 if tolerance is None else tolerance,
         "rtol": rtol,
-        "effort": effort,
+        "effort": effort or "normal",
         "jobs": jobs or min(4, len(available_cores())),
         "precision": "float64",
         **own,
     }
 
 
-def _run(
-    command: str,
-    targets: Sequence[Target],
-    settings: Mapping[str, Any],
-    output: Output,
-    began: float,
-    junit: str | None,
-) -> int:
-    """Evaluate, print and write. An audit says what was claimed besides, and never fails."""
+@dataclass(frozen=True)
+class _Work:
+    """What a command is to do: evaluate the cases, print and write. `junit`: where to; `verdicts`: the cache."""
+
+    command: str
+    cases: Sequence[Case]
+    settings: dict[str, Any]
+    output: Output
+    began: float
+    junit: str | None = None
+    quiet: bool = False
+    verdicts: Verdicts | None = None
+
+
+def _run(work: _Work, gate: Gate | None) -> int:
+    """Evaluate, print and write. An audit says what was claimed besides, and never fails.
+
+    `gate`: where the known violations are brought up to date.
+    """
     from brdfcheck.brdf import catalog
+    from brdfcheck.gate.baseline import judged
     from brdfcheck.output import records
     from brdfcheck.output import text as console
 
-    audit = command == "audit"
-    claims = {target.family.name: catalog.entry(target.family.name).claim for target in targets} if audit else {}
-    width = max(len(target.family.name) for target in targets)
-    if not output.is_terminal:
+    cases, settings, output, quiet = work.cases, work.settings, work.output, work.quiet
+    audit = work.command == "audit"
+    claims = {case.name: catalog.entry(case.name).claim for case in cases} if audit else {}
+    width = max(len(case.name) for case in cases)
+    tolerances = {case.tolerance for case in cases}
+    settings |= {"tolerance": min(tolerances), "own_tolerances": len(tolerances) > 1}  # each report says its own
+
+    def line(report: Report) -> None:
+        if not (output.is_terminal or (quiet and report.passed)):
+            output.line(console.plain_line(report, width, claims.get(report.name)))
+
+    if not output.is_terminal and not quiet:
         output.line(console.tolerance_line(settings["tolerance"]))
     with contextlib.redirect_stdout(sys.stderr):
-        reports = _evaluate(
-            targets, settings, output, lambda report: console.plain_line(report, width, claims.get(report.name))
-        )
-    if output.is_terminal:
-        console.report_table(output.console, reports, list(claims.values()) or None)
+        found = _evaluate(work, lambda case, report: line(judged(report, case.request.expect)))
+    expected = [case.request.expect for case in cases]
+    if gate is not None:
+        expected = project.update(gate, cases, found, output)
+    reports = [judged(report, known) for report, known in zip(found, expected, strict=True)]
+    told = [report for report in reports if not quiet or not report.passed or report.stale]
+    if output.is_terminal and told:
+        console.report_table(output.console, told, list(claims.values()) or None)
         output.line()
-        console.remarks(output.console, reports)
-    else:
-        for line in console.remark_lines(reports):
-            output.line(line)
-    seconds, counts = time.perf_counter() - began, records.count(reports)
+        console.remarks(output.console, told)
+    elif not output.is_terminal:
+        for text in console.remark_lines(told):
+            output.line(text)
+    seconds, counts = time.perf_counter() - work.began, records.count(reports)
     code = ExitCode.FAILED if counts["failed"] and not audit else ExitCode.PASSED
-    output.line(f"{'published claims: ' if audit else ''}{console.summary_line(counts, seconds, settings['tolerance'])}")
+    if told:
+        summary = console.summary_line(counts, seconds, settings["tolerance"])
+        output.line(f"{'published claims: ' if audit else ''}{summary}{_from_cache(cases)}")
     if os.environ.get("GITHUB_ACTIONS") and not audit:
-        for target, report in zip(targets, reports, strict=True):
-            if not report.passed:
-                place = {"file": target.file, "line": target.line}
-                output.line(records.github_error(f"brdfcheck: {report.name}", console.message(report), **place))
-    if junit:
+        for case, report in zip(cases, reports, strict=True):
+            if not report.passed or report.stale:
+                place: Any = {"file": case.file, "line": case.line, "kind": "warning" if report.passed else "error"}
+                text = report.notes[-1] if report.passed else console.message(report)
+                output.line(records.github_error(f"brdfcheck: {report.name}", text, **place))
+    if work.junit:
         messages = [console.message(report) for report in reports]
-        classes = ["brdfcheck.user" if target.file else "brdfcheck.catalog" for target in targets]
+        classes = ["brdfcheck.user" if case.file else "brdfcheck.catalog" for case in cases]
         text = records.to_junit(reports, messages, seconds=seconds, classnames=classes)
-        output.save(junit, text, "--junitxml")
-    pairs = zip(targets, reports, strict=True)
-    results = [records.to_json_object(report) | _origin(target, claims) for target, report in pairs]
+        output.save(work.junit, text, "--junitxml")
+    pairs = list(zip(cases, reports, strict=True))
     summary = {**counts, "seconds": seconds, "exit_code": int(code)}
-    output.write_json(lambda: records.document(command, results, settings=settings, summary=summary))
+    output.write_json(
+        lambda: records.document(
+            work.command,
+            [records.to_json_object(report) | _origin(case, claims) for case, report in pairs],
+            settings=settings,
+            summary=summary,
+        )
+    )
     return code
 
 
-def _evaluate(
-    targets: Sequence[Target], settings: Mapping[str, Any], output: Output, line: Callable[[Report], str]
-) -> list[Report]:
-    """The reports in the order of the targets, a few at a time; plain lines are written as soon as their turn comes."""
+def _from_cache(cases: Sequence[Case]) -> str:
+    count = sum(case.report is not None for case in cases)
+    return f"; {'all' if count == len(cases) else f'{count} of {len(cases)}'} from the cache" if count else ""
+
+
+def _evaluate(work: _Work, line: Callable[[Case, Report], None]) -> list[Report]:
+    """The reports in the order of the cases, a few at a time; `line` is called as soon as the turn of one comes."""
     from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
-    pool = ThreadPoolExecutor(settings["jobs"], thread_name_prefix="brdfcheck")
+    cases, pool = work.cases, ThreadPoolExecutor(work.settings["jobs"], thread_name_prefix="brdfcheck")
     try:
         # The dear ones, in two dimensions, stand last in the catalogue: begun first, they leave no worker idle.
-        step = -1 if all(target.file is None for target in targets) else 1
+        step = -1 if all(case.file is None for case in cases) else 1
         waiting, written = set[Any](), 0
-        with output.progress(len(targets), "checking", every=10) as advance:
-            futures = [pool.submit(_report, target, settings, advance.say) for target in targets[::step]][::step]
+        with work.output.progress(len(cases), "checking", every=10) as advance:
+            futures = [pool.submit(evaluated, case, advance.say) for case in cases[::step]][::step]
             waiting.update(futures)
             while waiting:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:
                     future.result()  # an internal error ends the command at once
                     advance()
+                    _keep(work, cases[futures.index(future)].request, futures)
                 while written < len(futures) and futures[written].done():
-                    if not output.is_terminal:
-                        output.line(line(futures[written].result()))
+                    line(cases[written], futures[written].result())
                     written += 1
         return [future.result() for future in futures]
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _report(target: Target, settings: Mapping[str, Any], say: Callable[[str], None]) -> Report:
-    """`check`; for a user's BRDF, whatever it raises becomes a finding. `say`: what to call with how far it is."""
-    from brdfcheck.brdf.blame import told
-    from brdfcheck.verdict.check import check, unusable
-
-    def watch(points: int, best: float) -> None:
-        so_far = f", largest albedo so far {best:.6g}" if math.isfinite(best) else ""
-        say(f"{target.family.name}: {points} points{so_far}")
-
-    began = time.perf_counter()
-    own = settings.get("own_tolerances", False)
-    options: Any = {
-        "tolerance": target.family.tolerance if own else settings["tolerance"],
-        "effort": settings["effort"],
-    }
-    try:
-        return check(target, rtol=settings["rtol"], watch=watch, **options)
-    except (Exception, SystemExit) as error:
-        if target.file is None:
-            raise
-        _log.debug("%s cannot be evaluated", target.family.name, exc_info=True)
-        text = f"cannot be evaluated: {told(error)}"
-        return unusable(target.family, text, seconds=time.perf_counter() - began, **options)
+def _keep(work: _Work, request: Request, futures: Sequence[Any]) -> None:
+    """Once all BRDFs of a request are evaluated, their verdicts go into the cache."""
+    own = [(case, future) for case, future in zip(work.cases, futures, strict=True) if case.request is request]
+    if work.verdicts is not None and all(future.done() and case.report is None for case, future in own):
+        work.verdicts.keep(request, [case for case, _ in own], [future.result() for _, future in own])
 
 
-def _origin(target: Target, claims: Mapping[str, str]) -> dict[str, Any]:
+def _origin(case: Case, claims: Mapping[str, str]) -> dict[str, Any]:
     """Where a checked BRDF comes from, for the record."""
-    if target.file is not None:
-        return {"origin": "user", "file": target.file, "line": target.line}
+    cached = {"cached": case.report is not None}
+    if case.file is not None:
+        return {"origin": "user", "file": case.file, "line": case.line, **cached}
+    if case.entry is None:  # a class of this package, or what another program knows
+        return {"origin": "name", **cached}
     from brdfcheck.brdf import catalog
 
-    entry = catalog.entry(target.family.name)
+    entry = catalog.entry(case.entry)
     claim = {"claim": entry.claim} if claims else {}
-    return {"origin": "catalog", "formula": entry.formula, "source": entry.source, **claim}
+    return {"origin": "catalog", "formula": entry.formula, "source": entry.source, **claim, **cached}

@@ -20,11 +20,12 @@ from brdfcheck.messages import UsageError, one_line
 class Output:
     """Where results go: a table for a person, plain lines for a file or a pipe, JSON alone on stdout for ``--json -``.
 
-    `json`: what ``--json`` says. `alone`: stdout is for something else, so that the lines for a person go to stderr.
+    `json`: what ``--json`` says. `alone`: stdout is for something else, so that the lines for a person go to stderr. `quiet`:
+    how far the work is is not told.
     """
 
-    def __init__(self, json: str | None = None, *, alone: bool = False):
-        self._stdout, self._json = sys.stdout, json
+    def __init__(self, json: str | None = None, *, alone: bool = False, quiet: bool = False):
+        self._stdout, self._json, self._quiet = sys.stdout, json, quiet
         self.human: TextIO = sys.stderr if alone or json == "-" else sys.stdout
         self.is_terminal = self.human.isatty()
         self._console: Any = None
@@ -76,11 +77,14 @@ class Output:
         return next((stream for stream in (sys.stderr, self._stdout) if stream.isatty()), None)
 
     @contextlib.contextmanager
-    def waiting(self, text: str) -> Iterator[Callable[[str], None]]:
-        """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text."""
+    def waiting(self, text: str, every: float = math.inf) -> Iterator[Callable[[str], None]]:
+        """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text.
+
+        Where there is no terminal, the latest text each `every` seconds on stderr.
+        """
         with _moving(self.terminal(), lambda parts: ()) as bar:
             if bar is None:
-                yield lambda text: None
+                yield _now_and_then("", every)
                 return
             task = bar.add_task(text)
             yield lambda text: bar.update(task, description=text)
@@ -96,9 +100,9 @@ class Output:
             left = parts.TimeRemainingColumn(), parts.TextColumn("left")
             return parts.TextColumn(doing), parts.BarColumn(bar_width=32), parts.MofNCompleteColumn(), *left
 
-        with _moving(self.terminal(), columns) as bar:
+        with _moving(None if self._quiet else self.terminal(), columns) as bar:
             if bar is None:
-                yield Progress(lambda: None, _now_and_then(doing, every))
+                yield Progress(lambda: None, _now_and_then(doing, math.inf if self._quiet else every))
                 return
             task = bar.add_task("", total=count)
             yield Progress(lambda: bar.advance(task), lambda text: bar.update(task, description=text))
@@ -143,7 +147,7 @@ def _now_and_then(doing: str, every: float) -> Callable[[str], None]:
                 return
             last = time.monotonic()
         with contextlib.suppress(OSError, ValueError):
-            print(f"{doing} {text}", file=sys.stderr, flush=True)
+            print(f"{doing} {text}".strip(), file=sys.stderr, flush=True)
 
     return say
 

@@ -10,11 +10,13 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from typer import BadParameter
 
+from brdfcheck.brdf.values import Range, Values, components
 from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import written as written
 
 MOST_PIXELS = 8192  # samples along a side of a picture
 
@@ -63,12 +65,6 @@ def number(text: str) -> float:
     if not math.isfinite(value):
         raise BadParameter(f"must be finite; got {one_line(text)}")
     return value
-
-
-def written(value: float) -> str:
-    """The number as one would type it, with all of its digits."""
-    short = f"{value:g}"
-    return short if float(short) == value else repr(value)
 
 
 def interval(text: str) -> Interval:
@@ -124,20 +120,23 @@ def open_setting(text: str) -> Setting | Components:
     return Setting(name, Interval(low, math.inf))
 
 
-def together(settings: Iterable[Setting | Components] | None) -> dict[str, Interval]:
-    """The parameters and their ranges; a vector by its components. UsageError where one is given twice."""
-    ranges: dict[str, Interval] = {}
-    pairs: list[tuple[str, Interval]] = []
+def together(settings: Iterable[Setting | Components] | None, *, lists: bool = False) -> dict[str, Any]:
+    """The parameters and their ranges; a vector by its components. UsageError where one is given twice.
+
+    `lists`: what may be a vector may also be a list of values, which the BRDF has to tell: it stays one, as `Values`.
+    """
+    ranges: dict[str, Range | Values] = {}
+    pairs: list[tuple[str, Range | Values]] = []
     for item in settings or ():
         if isinstance(item, Setting):
             pairs.append((item.name, item.bounds))
+        elif lists:
+            pairs.append((item.name, Values(item.values)))
         elif len(item.values) > 4:
             raise UsageError(f"--over {item.name}: a vector has at most 4 components; got {len(item.values)}")
         else:
-            letters = "rgba" if len(item.values) > 2 else "xy"
-            pairs += [
-                (f"{item.name}.{letter}", Interval(value, value)) for letter, value in zip(letters, item.values, strict=False)
-            ]
+            parts = components(item.name, item.values)
+            pairs += [(name, Interval(*bounds)) for name, bounds in parts.items()]
     for name, bounds in pairs:
         if name in ranges:
             raise UsageError(f"--over: the parameter {name!r} is given twice")

@@ -23,6 +23,7 @@ import optimistix as optx
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Proportional, RationalFactor
 from brdfcheck.brdf.family import Family
 from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, extrema, spread
+from brdfcheck.fits.proved import proved_factor
 from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.runtime import double_precision
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check_family
@@ -57,7 +58,8 @@ class FactorFit:
     `peak` +- `peak_error` is the largest albedo over the range of n and all angles, `at` says where (n, cos_theta).
     `smallest` is the smallest albedo at normal incidence, at the exponent `smallest_n`. `history`: the steps of the fit.
     `report`: the verdict of `check`. `remark`: why the factor wastes much of the light; empty where it does not. `fitted`
-    is the factor before it was certified, `family` the family with the factor on it.
+    is the factor before it was certified, `family` the family with the factor on it. `proved`: a factor of 10 digits beside it
+    whose albedo is proved to be at most 1; None where the proofs do not know the lobe.
     """
 
     name: str
@@ -75,6 +77,7 @@ class FactorFit:
     fitted: AbstractFactor
     report: Report
     remark: str
+    proved: Factor | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -337,6 +340,7 @@ def _result(
         fitted=fitted,
         report=report,
         remark=_remark(raw, found, best_of_its_form) if smallest < _WASTEFUL else "",
+        proved=proved_factor(raw, factor),
         **found,
     )
 

@@ -15,8 +15,8 @@ from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import bars
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict.measured import bars
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Sampler:
         """Values and errors on the grid of two axes, shape (parameter, mu)."""
         pairs = np.array(list(product(parameter, mu)))
         value, error = self.albedo(pairs[:, :1], pairs[:, 1], np.zeros(len(pairs)), rtol=self.rtol)
-        error = error + bars(self.albedo, pairs[:, 1], np.zeros(len(pairs)))
+        error = error + bars(self.albedo, pairs[:, 1], np.zeros(len(pairs))).max(axis=1)
         shape = (len(parameter), len(mu))
         return value.reshape(shape), error.reshape(shape)
 

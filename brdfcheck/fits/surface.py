@@ -5,7 +5,8 @@ E is a rational function P(u, v)/Q(u, v) of two variables that straighten it, ea
 * of an exponent n: x = 1/sqrt(n + 1), x = 1/sqrt(n + 4) (a lobe of exponent n is about s = 1/sqrt(n) radians wide) or
   x = log(1 + n); of a roughness s: x = s or x = s^2;
 * of mu = cos theta: mu itself, or what spreads the layer of width s at grazing incidence: mu/(mu + 2 s) for exponents,
-  mu sqrt((1 + s^2)/(mu^2 + s^2)) for a roughness, which is what the masking of rough surfaces is made of.
+  mu sqrt((1 + s^2)/(mu^2 + s^2)) for a roughness, which is what the masking of rough surfaces is made of; the slope s is
+  the square of what renderers call roughness.
 
 All pairs are tried on one grid by the best rational approximation (`brdfcheck.fits.rational`); the winner is then measured on
 another, four times finer grid and around its worst point. The stated error includes the bar of the albedo itself.
@@ -13,7 +14,7 @@ another, four times finer grid and around its worst point. The stated error incl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -42,8 +43,8 @@ _PROMISING = 3
 class Variables:
     """How (parameter, mu) becomes (u, v) in [-1, 1]^2: u = (x - u_centre) u_scale, v = (y - v_centre) v_scale.
 
-    `kind` of x: "reciprocal-root", "logarithm", "itself" or "square" of the parameter; `layer` of y: "none", "quotient" or
-    "root". `describe` gives the formulas.
+    `kind` of x: "reciprocal-root", "logarithm", "itself" or "square" of the parameter; `layer` of y: "none", "quotient",
+    "root", or "steep", the root with the square of the parameter for s. `describe` gives the formulas.
     """
 
     kind: str
@@ -63,7 +64,9 @@ class Variables:
             x = np.log(1 + parameter) if self.kind == "logarithm" else parameter * parameter
         if self.layer == "quotient":
             return x, mu / (mu + 2 * s)
-        return x, mu * np.sqrt((1 + s * s) / (mu * mu + s * s)) if self.layer == "root" else mu
+        if self.layer == "steep":
+            s = s * s
+        return x, mu * np.sqrt((1 + s * s) / (mu * mu + s * s)) if self.layer in ("root", "steep") else mu
 
     def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, y = self.xy(parameter, mu)
@@ -77,6 +80,7 @@ class Variables:
         layers = {
             "quotient": f"cos_theta/(cos_theta + 2 {s})",
             "root": f"cos_theta sqrt((1 + {s}^2)/(cos_theta^2 + {s}^2))",
+            "steep": f"cos_theta sqrt((1 + {s}^4)/(cos_theta^2 + {s}^4))",
         }
         return x, layers.get(self.layer, "cos_theta")
 
@@ -86,7 +90,7 @@ class Variables:
         return (
             4
             + {"reciprocal-root": 3, "logarithm": 2, "square": 1}.get(self.kind, 0)
-            + {"quotient": 3, "root": 8}.get(self.layer, 0)
+            + {"quotient": 3, "root": 8, "steep": 9}.get(self.layer, 0)
         )
 
 
@@ -161,6 +165,26 @@ def fit_albedo(
         return problem.fit(DEGREES if degree is None else ((degree[0], degree[1]),))
 
 
+def fit_share(family: Family, part: Family, degree: tuple[int, int] | None = None) -> AlbedoFit:
+    """The share of the albedo of `family` that `part` has, as `fit_albedo` fits an albedo: their quotient.
+
+    Both are over the same parameter. Smooth where both have the same layer at grazing incidence. Raises as `fit_albedo` does.
+    """
+
+    class Share(Sampler):
+        def __init__(self, family: Family, rtol: float | None):
+            super().__init__(family, rtol)
+            self.part = Sampler(part, rtol)
+
+        def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            (whole, error), (some, own) = super().__call__(parameter, mu), self.part(parameter, mu)
+            share = some / whole
+            return share, (own + np.abs(share) * error) / np.abs(whole)
+
+    with double_precision():
+        return _Problem(family, Share).fit(DEGREES if degree is None else (degree,))
+
+
 def _is_degree(degree: Any) -> bool:
     if not isinstance(degree, (tuple, list)) or len(degree) != 2:
         return False
@@ -170,11 +194,11 @@ def _is_degree(degree: Any) -> bool:
 class _Problem:
     """The samples of one family: those that are fitted and those that the fit is measured on."""
 
-    def __init__(self, family: Family):
-        self.sample = Sampler(family, None)
+    def __init__(self, family: Family, sampler: Callable[[Family, float | None], Sampler] = Sampler):
+        self.sample = sampler(family, None)
         effort, self.fast = self.sample.albedo.effort, self.sample.albedo.fast
         if effort > 0:  # a fit is good to 1e-4 at best: where accuracy costs time, little of it is asked for
-            self.sample = Sampler(family, 1e-6)
+            self.sample = sampler(family, 1e-6)
         self.family = family
         sizes, finer = _GRIDS[effort]
         varies = [low < high for low, high in (self.sample.range, family.cos_theta)]
@@ -210,7 +234,8 @@ class _Problem:
         if low >= 0 and high > 10:
             kinds = [(root, 1.0, "none"), (root, 1.0, "quotient"), (root, 4.0, "none"), ("logarithm", 0.0, "none")]
         elif low > 0:
-            kinds = [(kind, 0.0, layer) for kind in ("itself", "square") for layer in ("none", "root")]
+            layers = ("none", "root", "steep") if self.sample.parameter == "roughness" else ("none", "root")
+            kinds = [(kind, 0.0, layer) for kind in ("itself", "square") for layer in layers]
         else:
             kinds = [("itself", 0.0, "none")]
         return [_scaled(Variables(*kind), self.sample.range, self.family.cos_theta) for kind in kinds]

@@ -22,8 +22,9 @@ from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.output.curve_files import rounded, stretches
 from brdfcheck.output.records import number
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import bars
 from brdfcheck.verdict import TOLERANCE, judge
-from brdfcheck.verdict.measured import bars, doubted
+from brdfcheck.verdict.measured import doubted
 from brdfcheck.verdict.supremum import Supremum, supremum
 
 Curve = dict[str, Any]
@@ -111,7 +112,7 @@ def albedo_vs_angle(
 
     def at(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, error = _over_azimuths(albedo, effort, np.repeat(place, len(mu), axis=0), mu)
-        return value, error + bars(albedo, mu, np.zeros(len(mu)))
+        return value, error + bars(albedo, mu, np.zeros(len(mu))).max(axis=1)
 
     mu = _cosines(family.cos_theta, effort.angles if samples is None else samples)
     mu = np.unique(np.append(mu, np.clip(worst.cos_theta, mu[0], mu[-1])))

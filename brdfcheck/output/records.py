@@ -93,6 +93,7 @@ def fit_object(fit: FactorFit) -> dict[str, Any]:
         "factor": factor_object(fit.factor),
         "fitted": factor_object(fit.fitted),
         "report": to_json_object(fit.report),
+        "proved": None if fit.proved is None else factor_object(fit.proved),
     }
     own["history"] = [plain({**vars(step), "factor": factor_object(step.factor)}) for step in fit.history]
     return {name: own[name] if name in own else plain(value) for name, value in vars(fit).items() if name != "family"}
@@ -150,7 +151,7 @@ def to_json(record: Mapping[str, Any]) -> str:
 
 
 def count(reports: Iterable[Report]) -> dict[str, int]:
-    """How many conserve, violate, are undecided; and how many have findings besides."""
+    """How many conserve, violate, are undecided; how many have findings besides; and how many of them are known already."""
     reports = list(reports)
     verdicts = [report.verdict.name for report in reports]
     return {
@@ -158,6 +159,8 @@ def count(reports: Iterable[Report]) -> dict[str, int]:
         "violate": verdicts.count("VIOLATES"),
         "undecided": verdicts.count("UNDECIDED"),
         "with_findings": sum(bool(report.findings) for report in reports),
+        "known": sum(report.known is not None for report in reports),
+        "stale": sum(report.stale for report in reports),
         "failed": sum(not report.passed for report in reports),
     }
 
@@ -216,8 +219,8 @@ def to_junit(reports: Sequence[Report], messages: Sequence[str], *, seconds: flo
 # --- GitHub ---
 
 
-def github_error(title: str, message: str, *, file: str | None = None, line: int | None = None) -> str:
-    """The line that makes GitHub annotate a run; with `file` and `line`, at that place of the sources."""
+def github_error(title: str, message: str, *, file: str | None = None, line: int | None = None, kind: str = "error") -> str:
+    """The line that makes GitHub annotate a run; with `file` and `line`, at that place. `kind`: or "warning", "notice"."""
     properties: dict[str, str] = {}
     if file is not None:
         properties["file"] = file
@@ -225,7 +228,7 @@ def github_error(title: str, message: str, *, file: str | None = None, line: int
             properties["line"] = str(line)
     properties["title"] = title
     shown = ",".join(f"{name}={_github_property(value)}" for name, value in properties.items())
-    return f"::error {shown}::{_github_data(message)}"
+    return f"::{kind} {shown}::{_github_data(message)}"
 
 
 def _github_data(text: str) -> str:

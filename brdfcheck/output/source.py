@@ -1,4 +1,4 @@
-"""A factor and the fit of an albedo as source text: C99 in double precision, GLSL in float.
+"""A factor and the fit of an albedo as source text: C99 in double precision, GLSL and HLSL in float.
 
 A snippet is complete in itself: functions and a header that says where the numbers come from. Arguments outside the
 fitted ranges are moved to their ends, so that nothing extrapolates. No date: the same fit gives the same bytes.
@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, PhongExact, Proportional, RationalFactor
+from brdfcheck.fits.compact import AverageFit, CompactFits
 from brdfcheck.fits.rational import rows
 from brdfcheck.fits.surface import AlbedoFit
 from brdfcheck.messages import one_line
@@ -51,6 +52,9 @@ def _c_clamp(value: str, low: str, high: str) -> str:
 _FLOAT = (2.0**-126, (2 - 2.0**-23) * 2.0**127)
 _C = _Language("double", "static inline double", _c_clamp, "exp2", "log", "#include <math.h>\n\n", (0.0, math.inf))
 _GLSL = _Language("float", "float", lambda value, low, high: f"clamp({value}, {low}, {high})", "exp2", "log", "", _FLOAT)
+# Of HLSL these functions differ in nothing but the word for two floats.
+LANGUAGES = {"glsl": _GLSL, "hlsl": _GLSL, "h": _C}
+"""The languages of `renderer_snippet`, by the endings of their files."""
 
 
 def c_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, command: str | None = None) -> str:
@@ -92,19 +96,105 @@ def _snippet(language: _Language, fit: AlbedoFit, factor: Any, name: str | None,
         formula = _factor_formula(factor, parameter, language.exp2, language.number)
         signature = f"{language.function} {prefix}_factor({language.real} {parameter})"
         parts.append(f"{signature} {{\n{clamped}    return {formula};\n}}\n\n")
-    parts.append(f"{language.function} {prefix}_albedo({language.real} {parameter}, {language.real} cos_theta) {{\n")
-    parts.append(clamped)
+    parts.append(_albedo_function(language, fit, f"{prefix}_albedo"))
+    return "".join(parts)
+
+
+def _albedo_function(language: _Language, fit: AlbedoFit, name: str) -> str:
+    """The function `name` of the parameter and cos_theta."""
+    parameter = fit.parameter if fit.parameter in _PLAIN_PARAMETERS else "parameter"
+    bounds = (number(bound) for bound in fit.parameter_range)
     cosines = (number(bound) for bound in fit.cos_range)
-    parts.append(f"    cos_theta = {language.clamp('cos_theta', *cosines)};\n")
+    parts = [
+        f"{language.function} {name}({language.real} {parameter}, {language.real} cos_theta) {{\n",
+        f"    {parameter} = {language.clamp(parameter, *bounds)};\n",
+        f"    cos_theta = {language.clamp('cos_theta', *cosines)};\n",
+    ]
     numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
     used = set(re.findall(r"\b[uv]\b", numerator + denominator))
     parts += [f"    {language.real} {line};\n" for line in _variables(language, fit, parameter, used)]
-    parts.append(f"    {language.real} p = {numerator};\n")
-    if fit.surface.denominator.size > 1:
-        parts.append(f"    {language.real} q = {denominator};\n    return p / q;\n}}\n")
-    else:
-        parts.append("    return p;\n}\n")
-    return "".join(parts)
+    return "".join(parts) + _quotient(language, numerator, denominator, fit.surface.denominator.size)
+
+
+def _quotient(language: _Language, numerator: str, denominator: str, size: int) -> str:
+    """The end of a function whose value is p / q; a denominator of one coefficient is 1."""
+    text = f"    {language.real} p = {numerator};\n"
+    if size > 1:
+        return text + f"    {language.real} q = {denominator};\n    return p / q;\n}}\n"
+    return text + "    return p;\n}\n"
+
+
+def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence[str] = (), command: str | None = None) -> str:
+    """Text in one of the `LANGUAGES`: NAME_albedo, and as far as there are fits NAME_average, NAME_dfg and NAME_compensation.
+
+    NAME_dfg gives scale and bias of the split sum; NAME_compensation is the BRDF of Kulla and Conty of three albedos.
+    `facts`: lines about the target for the header. Raises ValueError where a float cannot hold a constant.
+    """
+    language, prefix = LANGUAGES[kind], identifier(name)
+    real, pair = language.real, {"glsl": "vec2", "hlsl": "float2", "h": "void"}[kind]
+    albedo, share, average = fits.albedo, fits.share, fits.average
+    white = fits.white or albedo
+    parameter = albedo.parameter if albedo.parameter in _PLAIN_PARAMETERS else "parameter"
+    p, c = albedo.parameter_range, albedo.cos_range
+
+    def told(fit: AlbedoFit) -> str:
+        return f"off by at most {fit.max_error:.2g} on {fit.checked[0]} x {fit.checked[1]} points and around the worst"
+
+    header = [
+        *facts,
+        f"Fitted for {albedo.parameter} in [{p[0]:g}, {p[1]:g}] and cos_theta in [{c[0]:g}, {c[1]:g}]; arguments outside are"
+        " moved to these ends. Errors include the bars of the quadrature. No denominator has a zero.",
+        f"Made by: {command or 'brdfcheck.output.source.renderer_snippet'}",
+        f"Versions: {', '.join(f'{package} {version}' for package, version in records.versions().items())}",
+    ]
+    parts = [line for text in header for line in comment(text)] + [language.preamble, "\n" if not language.preamble else ""]
+
+    def function(words: str, text: str) -> None:
+        parts.extend(comment(words))
+        parts.append(text + "\n")
+
+    function(
+        f"Directional albedo E, {told(albedo)}. Never clamped: it may exceed 1 by the error.",
+        _albedo_function(language, albedo, f"{prefix}_albedo"),
+    )
+    if average is not None:
+        words = f"Average albedo 2 int E(mu) mu dmu, off by at most {average.max_error:.2g} on {average.checked} points."
+        function(words, _average_function(language, average, f"{prefix}_average", parameter))
+        function(
+            "Multiple scattering (Kulla and Conty 2017) in 1/sr: add it to the BRDF, from the albedos of both directions and"
+            " the average. For F < 1 multiply it by Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea the average.",
+            f"{language.function} {prefix}_compensation({real} albedo_i, {real} albedo_o, {real} average) {{\n"
+            f"    return (1.0 - albedo_i) * (1.0 - albedo_o) / ({number(math.pi)} * (1.0 - average));\n}}\n",
+        )
+    if share is not None:
+        if fits.white is not None:
+            function(f"Albedo with F = 1, {told(white)}.", _albedo_function(language, white, f"{prefix}_white"))
+        function(
+            f"Share of the bias in the albedo with F = 1, {told(share)}.", _albedo_function(language, share, f"{prefix}_share")
+        )
+        e = f"{prefix}_{'albedo' if fits.white is None else 'white'}({parameter}, cos_theta)"
+        s = f"{prefix}_share({parameter}, cos_theta)"
+        arguments = f"{real} {parameter}, {real} cos_theta"
+        words = "Split sum: with Schlick's Fresnel term the albedo is F0 scale + bias, both"
+        words += f" off by at most {fits.split_sum_error:.2g}."
+        if kind == "h":
+            text = f"static inline void {prefix}_dfg({arguments}, double *scale, double *bias) {{\n"
+            text += f"    double e = {e};\n    *bias = e * {s};\n    *scale = e - *bias;\n}}\n"
+        else:
+            text = f"{pair} {prefix}_dfg({arguments}) {{\n    float e = {e};\n    float b = e * {s};\n"
+            text += f"    return {pair}(e - b, b);\n}}\n"
+        function(words, text)
+    return "".join(parts).rstrip("\n") + "\n"
+
+
+def _average_function(language: _Language, fit: AverageFit, name: str, parameter: str) -> str:
+    numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
+    x = f"1.0 / sqrt({parameter} + 1.0)" if fit.root else parameter
+    lines = f"{language.function} {name}({language.real} {parameter}) {{\n"
+    lines += f"    {parameter} = {language.clamp(parameter, *(number(bound) for bound in fit.bounds))};\n"
+    if re.search(r"\bv\b", numerator + denominator):
+        lines += f"    {language.real} v = ({_minus(x, fit.centre)}) * {number(fit.scale)};\n"
+    return lines + _quotient(language, numerator, denominator, fit.surface.denominator.size)
 
 
 def _variables(language: _Language, fit: AlbedoFit, parameter: str, used: set[str]) -> list[str]:
@@ -119,6 +209,7 @@ def _variables(language: _Language, fit: AlbedoFit, parameter: str, used: set[st
     y = {
         "quotient": f"cos_theta / (cos_theta + 2.0 * {s})",
         "root": f"cos_theta * sqrt((1.0 + {s} * {s}) / (cos_theta * cos_theta + {s} * {s}))",
+        "steep": f"cos_theta * sqrt((1.0 + {s} * {s} * {s} * {s}) / (cos_theta * cos_theta + {s} * {s} * {s} * {s}))",
     }.get(v.layer, "cos_theta")
     lines = []
     if "u" in used or ("v" in used and re.search(r"\bx\b", y)):
@@ -204,7 +295,7 @@ def _header(language: _Language, fit: AlbedoFit, factor: Any, prefix: str, comma
         f"Made by: {command or _call(fit)}",
         f"Versions: {versions}",
     ]
-    return "".join(line for text in lines for line in _comment(text))
+    return "".join(line for text in lines for line in comment(text))
 
 
 def _call(fit: AlbedoFit) -> str:
@@ -224,7 +315,7 @@ def _in_words(factor: Any) -> str:
     return f" {factor_text(factor) if _has_formula(factor) else type(factor).__name__}"
 
 
-def _comment(text: str) -> list[str]:
+def comment(text: str) -> list[str]:
     """`text` as comment lines of both languages; nothing in it can end the comment or continue into the code."""
     plain = one_line(text).encode("ascii", "replace").decode().replace("\\", "/").replace("?", ".")
     lines, line = [], "//"

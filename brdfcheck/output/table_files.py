@@ -82,15 +82,25 @@ def write_table(
     if kind == "csv":
         records.write_atomically(path, _csv(table, metadata))
     elif kind == "npy":
-        stream = io.BytesIO()
-        np.save(stream, np.ascontiguousarray(table.values, dtype="<f8"), allow_pickle=False)
-        records.write_atomically(f"{os.fspath(path)}.json", records.to_json(metadata))
-        records.write_atomically(path, stream.getvalue())
+        write_beside(path, npy_bytes(table.values), metadata)
     else:
-        records.write_atomically(path, records.exr_bytes({"Y": table.values}, _texts(metadata)))
+        records.write_atomically(path, records.exr_bytes({"Y": table.values}, texts(metadata)))
 
 
-def _texts(metadata: Mapping[str, Any]) -> dict[str, str]:
+def npy_bytes(values: np.ndarray) -> bytes:
+    """An NPY file of float64."""
+    stream = io.BytesIO()
+    np.save(stream, np.ascontiguousarray(values, dtype="<f8"), allow_pickle=False)
+    return stream.getvalue()
+
+
+def write_beside(path: str | os.PathLike[str], content: bytes, metadata: Mapping[str, Any]) -> None:
+    """Write a file whose format has no room for metadata, and these as JSON in PATH.json."""
+    records.write_atomically(f"{os.fspath(path)}.json", records.to_json(metadata))
+    records.write_atomically(path, content)
+
+
+def texts(metadata: Mapping[str, Any]) -> dict[str, str]:
     """Each item on one line: strings as they are, the rest as JSON."""
     return {
         key: " ".join(value.split()) if isinstance(value, str) else json.dumps(value, allow_nan=False)
@@ -99,7 +109,7 @@ def _texts(metadata: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _csv(table: AlbedoGrid, metadata: Mapping[str, Any]) -> str:
-    lines = [f"# {key}: {text}" for key, text in _texts(metadata).items()]
+    lines = [f"# {key}: {text}" for key, text in texts(metadata).items()]
     lines.append(f"# {','.join([table.parameter, *(f'{mu:.17g}' for mu in table.cos_theta)])}")
     for node, row in zip(table.nodes, table.values, strict=True):
         lines.append(",".join(f"{value:.17g}" for value in (node, *row)))

@@ -67,6 +67,8 @@ def plain_line(report: Report, name_width: int = 0, claim: str | None = None) ->
         parts.append(basis_text(report))
     if claim is not None:
         parts.append(f'claimed "{claim}"')
+    if report.known is not None:
+        parts.append(f"known: {one_line(report.known)}")
     return "  ".join(parts)
 
 
@@ -89,6 +91,10 @@ def summary_line(counts: dict[str, int], seconds: float, tolerance: float) -> st
     ]
     if counts["with_findings"]:
         parts.append(plural(counts["with_findings"], "has findings", "have findings"))
+    if counts["known"]:
+        parts.append(f"{counts['known']} known")
+    if counts["stale"]:
+        parts.append(f"{plural(counts['stale'], 'baseline entry', 'baseline entries')} out of date")
     return f"{', '.join(parts)} in {seconds:.1f} s (tolerance {exact(tolerance)})"
 
 
@@ -122,6 +128,10 @@ def fit_lines(fit: FactorFit) -> list[str]:
         f"{fit.name}  factor {describe(fit.factor, 10)}  ({fit.objective}{sampled} over n={exact(fit.n[0])}:{exact(fit.n[1])})",
         f"  to copy   {_copied(fit)}",
     ]
+    if fit.proved is not None:
+        lines.append(
+            f"  proved    {describe(fit.proved, 10)}  has E <= 1 at every angle and n of the range (brdfcheck certify)"
+        )
     if fit.objective != "minimax":
         peak = fit.history[0].peak
         raised = peak > 1 + report.tolerance
@@ -284,6 +294,8 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
         verdict = Text(report.verdict.name, style=_STYLES[report.verdict.name])
         if not wide:
             verdict.append(f"\n{report.seconds:.2f} s", style="not bold dim white")
+        if report.known is not None:
+            verdict.append("\nknown", style="not bold dim white")
         if report.findings:
             verdict.append("\n" + plural(len(report.findings), "finding", "findings"), style="bold red")
         albedo, place = _text(albedo_text(report, plus_minus)), _text(place_text(report, degree))

@@ -23,6 +23,8 @@ FORMATS = (".svg", ".png", ".pdf")
 _DPI = 200
 # How many colours pages are tried with, and the root mean square of the change (of 255) that hardly shows.
 _COLOURS, _HARDLY = (32, 64, 128, 256), 2.5
+# From which difference it is another colour, and the share of pixels that may have one.
+_ANOTHER, _FEW = 40, 2e-5
 # Dates and versions would change the bytes of an unchanged figure.
 _METADATA = {
     ".svg": {"Date": None, "Creator": None},
@@ -109,7 +111,8 @@ def with_few_colours(png: bytes, widest: int | None = None) -> bytes:
             palette=palette, dither=Image.Dither.FLOYDSTEINBERG if colours == _COLOURS[-1] else Image.Dither.NONE
         )
         off = np.asarray(image, float) - np.asarray(fewer.convert("RGB"), float)
-        if np.sqrt(np.mean(off * off)) < _HARDLY:
+        # In the mean a small patch of a colour of its own, as in a legend, counts for nothing: none may be another colour.
+        if np.sqrt(np.mean(off * off)) < _HARDLY and np.mean(np.abs(off).max(axis=-1) > _ANOTHER) < _FEW:
             break
     stream = io.BytesIO()
     fewer.save(stream, "PNG", optimize=True)
@@ -138,6 +141,13 @@ def empty(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height))
+
+
+def power_tick(value: float) -> str:
+    """A tick of a long logarithmic axis: 0.1, 1, 10, 10², 10³."""
+    from brdfcheck.plots import paper
+
+    return paper.power_tick(value)
 
 
 def text_of(value: float, digits: int = 5) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -91,13 +92,18 @@ def floats(values: Any) -> np.ndarray:
     return np.array([float("nan") if value is None else float(value) for value in values])
 
 
+def wrapped(text: str, width: float, size: float) -> str:
+    """The text in lines that fit into `width` inches at `size` points, broken between words where that is possible."""
+    return "\n".join(textwrap.wrap(text, max(int(width * 72 / (0.6 * size)), 8), break_on_hyphens=False)) or text
+
+
 def label_of(curve: Mapping[str, Any]) -> str:
     """What a curve is called in a figure: without the folders of a file, and not without end."""
     name = str(curve.get("label") or curve["name"].rpartition("/")[2])
     return name if len(name) <= _LONGEST else f"{name[: _LONGEST // 3]}…{name[-(2 * _LONGEST) // 3 :]}"
 
 
-def _power(value: float) -> str:
+def power_tick(value: float) -> str:
     """A tick of a long axis: 0.1, 1, 10, 10², 10³."""
     exponent = math.log10(value) if value > 0 else 0.0
     if abs(exponent - round(exponent)) > 1e-9 or -2 <= exponent <= 1:
@@ -140,7 +146,7 @@ def parameter_axis(axes: Axes, curves: Sequence[Mapping[str, Any]], scale: str |
         axes.xaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=20))
         axes.xaxis.set_minor_formatter(NullFormatter())
     long = logarithmic and high / low > 1e4
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _power(value) if long else text_of(value, 6)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: power_tick(value) if long else text_of(value, 6)))
     axes.set_xlim(low, high)
     words = {"n": "exponent n", "m": "slope m", "alpha": "roughness α", "reflectance": "reflectance"}
     axes.set_xlabel(words.get(parameter, str(parameter)))

@@ -8,33 +8,55 @@ from fractions import Fraction
 from typing import Any
 
 from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
-from brdfcheck.proof import facets
+from brdfcheck.proof import facets, functions, mixtures
 from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
-from brdfcheck.proof.cover import ABOVE, Claim, NotProved, cover, peak, written
+from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
-from brdfcheck.proof.reading import Lobe, built, exact, lobe_of
+from brdfcheck.proof.reading import Lobe, Unknown, built, exact, lobe_of
 
 _FIRST_PART = 1000
 Ends = tuple[Fraction, Fraction | None]
 
 
-def certify(target: Any, **ranges: Any) -> Certificate:
+def certify(
+    target: Any,
+    *,
+    seconds: float = 60.0,
+    cos_theta: tuple[float, float] | None = None,
+    reading: Reading | None = None,
+    **ranges: Any,
+) -> Certificate:
     """A proof that a BRDF, or every member of a family, conserves energy; or that it does not.
 
-    `target` as for `brdfcheck.check`: a catalogue name, ``file.py:object``, a family, a BRDF, a class; what it makes must be a
-    lobe or facets of this package. `ranges`: closed intervals of its parameters, ``n=(1, 1000)``; the upper end may be
-    infinite, ``n=(0, math.inf)``. Numbers are the decimals that they are written as.
+    `target` as for `brdfcheck.check`: a catalogue name, ``file.py:object``, a shader file, a family, a BRDF, a class,
+    a function. Lobes and facets of this package are proved by theorems, in exact arithmetic; for any other function that JAX
+    can trace boxes are searched for, for about so many `seconds` (0: not at all), in interval arithmetic. `ranges`: closed
+    intervals of its parameters, ``n=(1, 1000)``; of lobes the upper end may be infinite, ``n=(0, math.inf)``. `cos_theta`:
+    the cosines of incidence, by default 0 to 1. `reading`: how a file is read (see `brdfcheck.load`). Numbers are the
+    decimals that they are written as.
 
-    Raises UsageError (a ValueError) for unknown names, bad ranges and for what is no formula that the proofs know;
-    NotProved (a ValueError) where there is neither a proof nor a counterexample, or where a theorem's premise fails.
+    Raises UsageError (a ValueError) for unknown names, bad ranges, what is neither a formula that the theorems know nor a
+    function that JAX can trace, and for operations that are not covered, which are named; NotProved (a ValueError) where there
+    is neither a proof nor a counterexample, with the bound that is proved, or where a theorem's premise fails.
     """
+    if not (isinstance(seconds, (int, float)) and 0 <= seconds < math.inf):
+        raise UsageError(f"seconds must be a number >= 0; got {seconds!r}")
     finite = {name: _finite(name, bounds) for name, bounds in ranges.items()}
-    subject = as_target(target, finite)
+    subject = as_target(target, finite, cos_theta, reading)
     if subject.finding is not None:
         raise UsageError(subject.finding)
-    return certify_family(subject.family, {name: bounds for name, bounds in ranges.items() if name in finite})
+    try:
+        return certify_family(subject.family, {name: bounds for name, bounds in ranges.items() if name in finite})
+    except Unknown:
+        if seconds == 0:
+            raise
+    unbounded = [name for name, bounds in ranges.items() if finite[name] is not bounds]
+    if unbounded:
+        raise UsageError(f"{subject.family.name}: for a proof of a function the range of {unbounded[0]} must be finite")
+    return functions.certificate(subject.family, seconds)
 
 
 def _finite(name: str, bounds: Any) -> Any:
@@ -47,13 +69,26 @@ def _finite(name: str, bounds: Any) -> Any:
     return (low, low) if unbounded else bounds
 
 
-def certify_family(family: Family, ranges: Mapping[str, Any] | None = None) -> Certificate:
-    """`certify` for a `Family`; `ranges` in place of its own."""
-    brdf = built(family)
+def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, most: int = MOST_BOXES) -> Certificate:
+    """`certify` by theorems for a `Family`; `ranges` in place of its own, at `most` so many boxes.
+
+    Raises Unknown for what is no formula of the theorems.
+    """
+    if family.sides is not None:
+        raise NotProved(
+            f"{family.name} transmits: certificates are for what reflects; brdfcheck check names the theorem it rests on"
+        )
     ends: dict[str, Ends] = {}
     for name, (low, high) in family.ranges.items():
         low, high = (ranges or {}).get(name, (low, high))
         ends[name] = exact(low, name), None if high == math.inf else exact(high, name)
+    try:
+        whole = mixtures.certificate(family, ends, lambda part: certify_family(part, ranges, most=most))
+    except NotProved as error:  # boxes may tell
+        raise Unknown(f"{family.name}: {error}") from None
+    if whole is not None:
+        return whole
+    brdf = built(family)
     known = facets_of(brdf) or point_of(brdf)
     if known is not None:
         found = facets.certificate(known, ends, exact(family.cos_theta[0], "cos_theta"))
@@ -61,16 +96,16 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None) -> C
             raise NotProved("the point above 1 that is known is at an incidence that the range of cos_theta leaves out")
         return found
     if len(ends) > 1:
-        raise UsageError(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
-    parameter = next(iter(ends), "n")
+        raise Unknown(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
+    parameter = next(iter(ends), "n" if hasattr(brdf.core, "n") else "reflectance")
     lobe = lobe_of(brdf, family.name, parameter)
     if not ends:
-        value = exact(getattr(brdf.core, "n", getattr(brdf.core, "reflectance", 0)), parameter)
+        value = exact(getattr(brdf.core, parameter), parameter)
         ends[parameter] = value, value
-    return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1)
+    return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1, most=most)
 
 
-def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool) -> Certificate:
+def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool, most: int) -> Certificate:
     """The certificate of a lobe. `normal`: normal incidence is one of the angles asked about."""
     if low < 0:
         raise UsageError(f"{lobe.parameter} must be >= 0; got {written(low)}")
@@ -81,10 +116,10 @@ def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool) -> 
         return reciprocal(lobe.profile, lobe.parameter, low, high)
     claim = Claim(lobe.profile, lobe.factor)
     try:
-        pieces = cover(claim, low, high)
+        pieces = cover(claim, low, high, most)
     except NotProved:
         # For a violation a part of an unbounded range is enough.
-        pieces = cover(claim, low, max(2 * low, Fraction(_FIRST_PART))) if high is None else []
+        pieces = cover(claim, low, max(2 * low, Fraction(_FIRST_PART)), most) if high is None else []
         if not any(piece.side == ABOVE for piece in pieces):
             raise
     if any(piece.side == ABOVE for piece in pieces):

@@ -28,7 +28,7 @@ BELOW, ABOVE = "at most 1", "above 1"
 _GRID = 10**10
 # A box this small in relation to n, or this many boxes, and there is no proof.
 _SMALLEST = Fraction(1, 2**44)
-_MOST_BOXES = 3000
+MOST_BOXES = 3000
 # An unbounded range must be done by then.
 _FARTHEST = 10**9
 
@@ -140,11 +140,11 @@ class Claim:
         return self.profile.stays_below(slope, offset, n)
 
 
-def cover(claim: Claim, low: Fraction, high: Fraction | None) -> list[Piece]:
-    """The range [low, high] (None: unbounded) in pieces on either side of 1, with gaps of 1e-10 where the albedo crosses it.
+def cover(claim: Claim, low: Fraction, high: Fraction | None, most: int = MOST_BOXES) -> list[Piece]:
+    """The range [low, high] (None: unbounded) in pieces on either side of 1, with gaps of 2e-10 where the albedo crosses it.
 
-    Raises NotProved where the albedo touches 1 within what the arithmetic tells apart, and for unbounded ranges in which no one
-    test does for the rest.
+    Raises NotProved where the albedo touches 1 within what the arithmetic tells apart, where `most` boxes are not enough, and
+    for unbounded ranges in which no one test does for the rest.
     """
     _refuse_negative(claim, low, high)
     pieces: list[Piece] = []
@@ -172,7 +172,7 @@ def cover(claim: Claim, low: Fraction, high: Fraction | None) -> list[Piece]:
                 step /= 2
             if limit is None and a > _FARTHEST:
                 raise NotProved("no proof found for an unbounded range: give the range an upper end")
-            if step < _SMALLEST * max(a, Fraction(1)) or boxes > _MOST_BOXES:
+            if step < _SMALLEST * max(a, Fraction(1)) or boxes > most:
                 raise NotProved(f"no proof found: near n = {float(a):g} the albedo is too close to 1 for this method")
         pieces.append(Piece(side, tuple(nodes), onwards))
         if after is None or onwards:

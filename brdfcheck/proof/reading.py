@@ -34,6 +34,10 @@ _KNOWN = (
 )
 
 
+class Unknown(UsageError):
+    """A BRDF is no formula that the theorems know; it may be a function that boxes can be put around."""
+
+
 @dataclass(frozen=True)
 class Lobe:
     """A lobe with its factor, over a parameter of this name. `factor`: None for the reciprocal of the albedo."""
@@ -60,7 +64,7 @@ def built(family: Family) -> Any:
     def fields(*numbers: Any) -> list[Any]:
         brdf = build(*numbers)
         if not isinstance(brdf, AbstractBRDF) or not isinstance(brdf.core, AbstractBRDF):
-            raise UsageError(f"{family.name} is no formula that certify knows; it knows {_KNOWN}")
+            raise Unknown(f"{family.name} is no formula that certify knows; it knows {_KNOWN}")
         made.append(brdf)
         return [getattr(brdf.core, name, 0.0) for name in names]
 
@@ -74,7 +78,7 @@ def built(family: Family) -> Any:
     except UsageError:
         raise
     except (Exception, SystemExit) as error:
-        raise UsageError(f"{family.name} cannot be built from a symbol: {one_line(error).partition('. ')[0]}") from None
+        raise Unknown(f"{family.name} cannot be built from a symbol: {one_line(error).partition('. ')[0]}") from None
     brdf = made[-1]
     makers = {variable: equation for equation in jaxpr.eqns for variable in equation.outvars}
     for name, variable, source in zip(names, jaxpr.outvars, jaxpr.invars, strict=True):
@@ -82,11 +86,11 @@ def built(family: Family) -> Any:
             maker = makers.get(variable) if not hasattr(variable, "val") else None
             floating = maker is not None and np.issubdtype(variable.aval.dtype, np.floating)
             if maker is None or not floating or maker.primitive.name not in _UNCHANGED:
-                raise UsageError(f"{family.name}: {name} does not go into {type(brdf.core).__name__} as it is")
+                raise Unknown(f"{family.name}: {name} does not go into {type(brdf.core).__name__} as it is")
             variable = maker.invars[0]
     constant = [leaf for leaf in jax.tree.leaves(brdf) if not isinstance(leaf, Tracer)]
     if len(constant) + len(names) != len(jax.tree.leaves(brdf)):
-        raise UsageError(f"{family.name}: something beside {', '.join(names)} depends on {', '.join(names)}")
+        raise Unknown(f"{family.name}: something beside {', '.join(names)} depends on {', '.join(names)}")
     return brdf
 
 
@@ -114,7 +118,7 @@ def lobe_of(brdf: Any, name: str, parameter: str) -> Lobe:
         return Lobe(ConstantProfile("half"), LinearFactor(Fraction(0), power=1), parameter)
     profile = _profile(core)
     if profile is None:
-        raise UsageError(f"{name}: {type(core).__name__} is no lobe that certify knows; it knows {_KNOWN}")
+        raise Unknown(f"{name}: {type(core).__name__} is no lobe that certify knows; it knows {_KNOWN}")
     return Lobe(profile, factor_of(factor, profile, name), parameter)
 
 
@@ -140,7 +144,7 @@ def factor_of(factor: Any, profile: Profile | None, name: str) -> LinearFactor |
     if type(factor) in (Factor, Proportional):
         divisor, power = multiple_of_pi(factor.B, "B")
         if divisor <= 0:
-            raise UsageError(f"{name}: B must be > 0 for a proof; got {one_line(np.asarray(factor.B))}")
+            raise Unknown(f"{name}: B must be > 0 for a proof; got {one_line(np.asarray(factor.B))}")
         return LinearFactor(exact(factor.A, "A") if type(factor) is Factor else Fraction(0), divisor, power)
     if type(factor) is Constant:
         return LinearFactor(exact(factor.value, "the constant"), constant=True)
@@ -150,5 +154,5 @@ def factor_of(factor: Any, profile: Profile | None, name: str) -> LinearFactor |
         TruncatedPowerExact: lambda: profile == TruncatedPower(factor.form, factor.k, factor.clamped),
     }.get(type(factor))
     if reciprocal is None or not reciprocal():
-        raise UsageError(f"{name}: {type(factor).__name__} is no factor that certify knows for this lobe; it knows {_KNOWN}")
+        raise Unknown(f"{name}: {type(factor).__name__} is no factor that certify knows for this lobe; it knows {_KNOWN}")
     return None

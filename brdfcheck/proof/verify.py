@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
 from brdfcheck.messages import one_line
-from brdfcheck.proof import facets
+from brdfcheck.proof import facets, functions, mixtures
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
+
+_EXPONENT = re.compile(r"[^a-z]*\d[eE][-+]?\d+\s*")
 
 
 class Rejected(ValueError):
@@ -23,7 +26,7 @@ def read(text: str) -> Certificate:
     """The certificate in a JSON text. Rejected where it is none."""
     try:
         record = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise Rejected(f"it is not JSON: {one_line(error)}") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise Rejected(f"it is not a certificate: its schema is not {SCHEMA!r}")
@@ -35,24 +38,36 @@ def read(text: str) -> Certificate:
 def verify(certificate: Certificate) -> None:
     """Check a certificate again, believing nothing in it but its versions. Rejected where it does not prove its statement."""
     record = certificate.record
+    _refuse_exponents(record)
     try:
         again = _proved(record)
     except Rejected:
         raise
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise Rejected(f"it is damaged: {type(error).__name__}: {one_line(error)}") from None
     for key in dict.fromkeys((*record, *again.record)):
         if key != "versions" and record.get(key) != again.record.get(key):
             raise Rejected(f"{key} is not what its numbers prove: {one_line(again.record.get(key))}")
 
 
+def _refuse_exponents(value: Any) -> None:
+    """Rejected where a number has an exponent: no certificate has one, and 1e999999999 would fill the memory."""
+    for part in value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ():
+        if isinstance(part, str) and _EXPONENT.fullmatch(part):
+            raise Rejected(f"numbers are decimals or quotients, without exponents; got {one_line(part)!r}")
+        _refuse_exponents(part)
+
+
 def _proved(record: Mapping[str, Any]) -> Certificate:
     """The certificate that the numbers of this one prove. Rejected where they prove none."""
+    if record["lobe"]["kind"] == functions.KIND:
+        raise Rejected("it is of a program, and does not hold its boxes: brdfcheck certify finds them again")
+    if record["lobe"]["kind"] in mixtures.KINDS:
+        for part in record["parts"]:
+            verify(Certificate(part))
+        return mixtures.assembled(record["lobe"], record["parts"], _ranges(record))
     if record["lobe"]["kind"] not in KINDS:
-        ranges = {
-            name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()
-        }
-        return facets.certificate(record["lobe"], ranges, Fraction(record.get("point", {}).get("cos_theta", 0)))
+        return facets.certificate(record["lobe"], _ranges(record), Fraction(record.get("point", {}).get("cos_theta", 0)))
     ((parameter, (first, last)),) = record["range"].items()
     low, high = Fraction(first), None if last == "inf" else Fraction(last)
     if low < 0 or (high is not None and high < low):
@@ -82,6 +97,10 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
     if piece.side != BELOW or piece.nodes[0] != low or not (piece.onwards or piece.nodes[-1] == high):
         raise Rejected("its boxes do not cover the range")
     return conserving(claim, parameter, low, high, pieces)
+
+
+def _ranges(record: Mapping[str, Any]) -> dict[str, tuple[Fraction, Fraction | None]]:
+    return {name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()}
 
 
 def _check(claim: Claim, piece: Piece, low: Fraction, high: Fraction | None) -> None:

@@ -196,10 +196,18 @@ class PointwiseAlbedo:
         """The accuracy that is asked of a function where nothing is said; a table has kinks wherever one looks."""
         return TABULATED if self.table is not None else Adaptive.best
 
+    @functools.cached_property
+    def nearest(self) -> PointwiseAlbedo:
+        """The albedo of a table by its nearest samples."""
+        assert self.table is not None
+        return self.reading(self.table.by_nearest())
+
     def reading(self, table: AbstractTable) -> PointwiseAlbedo:
         """The same with another table in place of this one."""
         family = self.family
-        return PointwiseAlbedo(replace(family, build=lambda **held: reread(family.build(**held), table)))
+        found = PointwiseAlbedo(replace(family, build=lambda **held: reread(family.build(**held), table)))
+        found.anisotropic = self.anisotropic
+        return found
 
     def estimate(
         self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int

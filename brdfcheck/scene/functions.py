@@ -79,7 +79,8 @@ def brdf_of(
 ) -> AbstractBRDF:
     """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF; `reading`: how files are read.
 
-    `furnace`: for a white furnace, which takes what transmits. Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
+    `furnace`: for a white furnace, which takes what transmits.
+    Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
     """
     try:
         target = as_target(value, {name: (number, number) for name, number in parameters.items()}, None, reading)

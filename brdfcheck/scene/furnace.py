@@ -49,8 +49,8 @@ def directional_albedo(
     catalogue in float64, to 1e-4 in float32. Of a BRDF that does not say where it lives the nodes crowd about the mirror
     direction, and `turn` is the cosine and sine of the azimuth of wo, by default 0.
 
-    Of what transmits it is R + T for light from wo: what a furnace shows whose radiance over the square of the index is the same
-    on both sides.
+    Of what transmits it is R + T for light from wo: what a furnace shows whose radiance over the square of the index is the
+    same on both sides.
     """
     brdf = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
     core = brdf.core

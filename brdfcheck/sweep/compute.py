@@ -24,6 +24,7 @@ from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.albedo import batched
 from brdfcheck.quadrature.functions import adaptive_albedo
+from brdfcheck.quadrature.samples import bars
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
@@ -33,6 +34,7 @@ from brdfcheck.sweep.subjects import of_type
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.
 _KEPT = 8
+_PARTS = ("value", "error", "evaluations")
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,11 @@ class Computer:
             except Finding as error:
                 shown = ", ".join(f"{name}={value:g}" for name, value in {**row, "cos_theta": float(mu)}.items())
                 raise UsageError(f"{settings['brdf']} at {shown}: {one_line(error)}") from error
-        return tuple(np.array([np.asarray(getattr(a, part)) for a in answers]) for part in ("value", "error", "evaluations"))
+        value, error, count = (np.array([np.asarray(getattr(a, part)) for a in answers]) for part in _PARTS)
+        if self.plan.is_table(combination):
+            turns = numbers.get("azimuth", np.zeros(len(value)))
+            error = error + bars(self.plan.samples(combination), numbers["cos_theta"], turns)
+        return value, error, count
 
     def _evaluator(self, combination: tuple[int, ...]) -> Evaluator:
         # One for each thread: an evaluator keeps its latest program.

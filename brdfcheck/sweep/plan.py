@@ -22,9 +22,12 @@ import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import refuse_reading
+from brdfcheck.brdf.tables import table_in
 from brdfcheck.brdf.ways import Caller
 from brdfcheck.messages import UsageError, one_line
+from brdfcheck.quadrature.pointwise import TABULATED, PointwiseAlbedo
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep import subjects
@@ -171,11 +174,13 @@ class Plan:
     def method(self, combination: tuple[int, ...]) -> Method:
         """How the cells of a combination are computed. UsageError where there is no such rule or it does not take the BRDF."""
         settings, template = self.settings(combination), self.subject(combination).template
+        example = self._example(combination)
+        rtol = settings.get("rtol", None if table_in(example) is None else TABULATED)
         try:
-            rule = subjects.rule_of(settings["rule"], settings.get("rtol"), template)
+            rule = subjects.rule_of(settings["rule"], rtol, template)
         except ValueError as error:
             raise self.config.fail("rule", str(error)) from None
-        if not rule.on_host and not rule.takes(self._example(combination)):
+        if not rule.on_host and not rule.takes(example):
             raise self.config.fail(
                 "rule", f"{settings['brdf']} does not fit the rule {settings['rule']!r}, which needs {rule.needs}"
             )
@@ -226,6 +231,15 @@ class Plan:
                 return kind(self.subject(combination).build, middle)
         except Finding as error:
             raise self.config.fail("brdf", one_line(error)) from error
+
+    def is_table(self, combination: tuple[int, ...]) -> bool:
+        """True where the BRDF of a combination is known at samples only."""
+        return not self._parameters and table_in(self.subject(combination).build()) is not None
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def samples(self, combination: tuple[int, ...]) -> PointwiseAlbedo:
+        """The table of a combination, for its error bars."""
+        return PointwiseAlbedo(Family(self.settings(combination)["brdf"], self.subject(combination).build))
 
     def _channels(self, combination: tuple[int, ...]) -> int | None:
         """How many channels the BRDF of a combination has; None where it gives one number."""

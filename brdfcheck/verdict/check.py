@@ -15,9 +15,12 @@ import numpy as np
 from brdfcheck.brdf.callables import Finding
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
+from brdfcheck.messages import UsageError
+from brdfcheck.proof.certify import certify_family
+from brdfcheck.proof.cover import NotProved
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Check, Evidence
-from brdfcheck.verdict.measured import Doubt, doubted
+from brdfcheck.verdict.measured import Doubt, doubted, searched
 from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
 from brdfcheck.verdict.report import Report as Report
@@ -27,6 +30,9 @@ from brdfcheck.verdict.side_checks import SideChecks
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
 
 _log = logging.getLogger("brdfcheck")
+
+# A proof of so many boxes takes 0.2 s at most.
+_BOXES = 100
 
 
 def check(
@@ -104,6 +110,8 @@ def check_family(
             if effort != (effort := affordable(effort, albedo)):
                 notes.append(f"the search made the effort {effort!r}, for a call for each pair is slow")
             findings += _batches(albedo)
+        every = albedo.evaluator.channels if albedo.evaluator is not None else None
+        albedo, channels = searched(albedo)
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
@@ -115,6 +123,9 @@ def check_family(
             worst, doubt = doubted(albedo, albedo.table, worst)
             findings += doubt.findings
             notes += doubt.notes
+        if worst.channel is not None and every is not None and len(channels) < every:
+            worst = replace(worst, channel=channels[worst.channel], channels=every)
+            notes.append(f"of {every} channels the {len(channels)} that reflect most were searched")
         evidence = Evidence(albedo, worst.parameters, worst.cos_theta, worst.azimuth)
         checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
         notes += [found.words for found in checks if found.name == "sides"]
@@ -132,6 +143,14 @@ def check_family(
         verdict = judge(worst.value, error, tolerance, least=worst.least, settled=worst.settled)
         if verdict is Verdict.CONSERVES and worst.value < -worst.error:
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
+        elif (
+            verdict is not Verdict.VIOLATES
+            and np.isfinite(worst.value)
+            and albedo is not None
+            and albedo.evaluator is None
+            and _is_proved(family)
+        ):
+            verdict, worst = Verdict.CONSERVES, replace(worst, basis="proof")
     if verdict is Verdict.UNDECIDED and worst is not None:
         if jax.numpy.zeros(0).dtype == np.float32:
             notes.append("computed in float32: call brdfcheck.use_x64() first for an error bar below 1e-9")
@@ -151,6 +170,14 @@ def check_family(
         effort=effort,
         seconds=time.perf_counter() - start,
     )
+
+
+def _is_proved(family: Family) -> bool:
+    """True where the family is one of the formulas that proofs know, and they find in little time that it conserves."""
+    try:
+        return bool(certify_family(family, most=_BOXES))
+    except (NotProved, UsageError):
+        return False
 
 
 def unusable(

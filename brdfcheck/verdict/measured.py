@@ -1,10 +1,4 @@
-r"""How far a table may be trusted: its albedo by the nearest sample beside that by interpolation, over all angles.
-
-Between samples a distance h apart a smooth f is known up to terms in $h^2$. Over an interval around a sample, with a weight w
-that vanishes at the ends of the range, linear interpolation is off by $\frac{h^2}{12} \int w f''$, the nearest sample by
-$-\frac{h^2}{24} \int w f'' - \frac{h^2}{12} \int w' f' = \frac{h^2}{24} \int w f''$. So to this order the albedo by linear
-interpolation is off by twice its difference to that by the nearest sample. The error bar takes three times the difference.
-"""
+"""How far a table may be trusted at all angles, and what its samples leave open: see `brdfcheck.quadrature.samples`."""
 
 from __future__ import annotations
 
@@ -13,15 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brdfcheck.brdf.tables import AbstractTable
-from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import NODES, TIMES, albedos, compared
 from brdfcheck.verdict.supremum import Supremum
 
-TIMES = 3
-"""How many times the difference of the two look-ups the error bar holds."""
 # Cosines of incidence (of an isotropic table, of an anisotropic one) and azimuths at which they are compared.
 _COSINES, _TURNS = (65, 17), 8
-# Nodes in the square root of the half angle, whose bins in a MERL file they divide by four, and in the azimuth.
-_NODES = (360, 180)
+# How many channels are searched, and at how many cosines it is seen which reflect most.
+_CHANNELS, _COARSE = 8, 9
 
 
 @dataclass(frozen=True)
@@ -78,10 +71,21 @@ class Doubt:
         ]
 
 
+def searched(albedo: PointwiseAlbedo) -> tuple[PointwiseAlbedo, list[int]]:
+    """The albedo that is worth a search, and which channels that is of: of many (spectra), the few that reflect most."""
+    channels = 1 if albedo.evaluator is None else albedo.evaluator.channels or 1
+    if albedo.table is None or channels <= _CHANNELS:
+        return albedo, list(range(channels))
+    highest = albedos(albedo, *_angles(albedo, _COARSE), NODES[1]).mean(axis=-1).max(axis=0)
+    chosen = sorted(np.argsort(-highest)[:_CHANNELS].tolist())
+    return albedo.reading(albedo.table.of_channels(chosen)), chosen
+
+
 def doubted(albedo: PointwiseAlbedo, table: AbstractTable, worst: Supremum) -> tuple[Supremum, Doubt]:
     """The largest albedo with a bar that holds both look-ups, and what that is made of and leaves open at all angles."""
-    places = _places(albedo, worst)
-    linear, nearest, bar = _compared(albedo, table, *places)
+    mu, azimuth = _angles(albedo, _COSINES[albedo.anisotropic])
+    places = np.append(worst.cos_theta, mu), np.append(worst.azimuth, azimuth)
+    linear, nearest, bar = compared(albedo, *places)
     high, low = linear.mean(axis=-1) + bar, linear.mean(axis=-1) - bar
     # The worst place is the first, and of each place the worst channel counts.
     own = int(np.argmax(linear[0].mean(axis=-1)))
@@ -91,7 +95,7 @@ def doubted(albedo: PointwiseAlbedo, table: AbstractTable, worst: Supremum) -> t
     least = max(worst.value - error, float(np.max(low)))
     guess, filled = table.filled(), None
     if guess is not None:
-        filled = max(float(np.max(_albedos(albedo.reading(guess), *places).mean(axis=-1) + bar)), worst.value + error)
+        filled = max(float(np.max(albedos(albedo.reading(guess), *places).mean(axis=-1) + bar)), worst.value + error)
     widest, samples = int(np.argmax(reach)), table.samples
     return replace(worst, error=error, least=least), Doubt(
         layout=samples.layout,
@@ -109,59 +113,10 @@ def doubted(albedo: PointwiseAlbedo, table: AbstractTable, worst: Supremum) -> t
     )
 
 
-def bars(albedo: PointwiseAlbedo, cos_theta: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """How far the albedos of a table are from known at cosines and azimuths (places,), besides the error of their quadrature.
-
-    Of the worst channel by linear look-up; 0 for what is no table.
-    """
-    if albedo.table is None:
-        return np.zeros(len(cos_theta))
-    linear, _, bar = _compared(albedo, albedo.table, cos_theta, azimuth)
-    return bar[np.arange(len(bar)), np.argmax(linear.mean(axis=-1), axis=1)]
-
-
-def _compared(
-    albedo: PointwiseAlbedo, table: AbstractTable, cos_theta: np.ndarray, azimuth: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Albedos by linear and by nearest look-up, (places, channels, 2) by `_albedos`, and the bar (places, channels)."""
-    linear = _albedos(albedo, cos_theta, azimuth)
-    nearest = _albedos(albedo.reading(table.by_nearest()), cos_theta, azimuth)
-    difference = nearest - linear
-    return linear, nearest, TIMES * np.abs(difference.mean(axis=-1)) + np.abs(difference[..., 0] - difference[..., 1])
-
-
-def _places(albedo: PointwiseAlbedo, worst: Supremum) -> tuple[np.ndarray, np.ndarray]:
-    """The worst place, then all angles: cosines and azimuths (places,)."""
+def _angles(albedo: PointwiseAlbedo, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """So many cosines, dense at both ends, with the azimuths that matter: (places,) both."""
     low, high = albedo.family.cos_theta
-    count, turns = (_COSINES[1], _TURNS) if albedo.anisotropic else (_COSINES[0], 1)
+    turns = _TURNS if albedo.anisotropic else 1
     cosines = low + (high - low) * np.sin(np.linspace(0, np.pi / 2, count)) ** 2
-    mu, azimuth = (part.ravel() for part in np.meshgrid(cosines, np.arange(turns) * 2 * np.pi / turns, indexing="ij"))
-    return np.append(worst.cos_theta, mu), np.append(worst.azimuth, azimuth)
-
-
-def _albedos(albedo: PointwiseAlbedo, cos_theta: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Albedos by a rule over the half vector, for either half of its azimuths: (places, channels, 2).
-
-    The jumps of a table by the nearest sample lie along its half angles, where a rule over directions would not know of them.
-    """
-    assert albedo.evaluator is not None
-    evaluate = albedo.evaluator.bind({})
-    x, turn = ((np.arange(count) + 0.5) / count for count in _NODES)
-    half, turn = np.pi / 2 * x[:, None] ** 2, 2 * np.pi * turn
-    normal = np.stack(np.broadcast_arrays(np.sin(half) * np.cos(turn), np.sin(half) * np.sin(turn), np.cos(half)), axis=-1)
-    solid = np.sin(half) * (np.pi * x[:, None]) * (2 * np.pi / (len(x) * len(turn)))
-    found = []
-    for mu, phi in zip(np.maximum(cos_theta, GRAZING), azimuth, strict=True):
-        sine = np.sqrt((1 - mu) * (1 + mu))
-        wi = np.array([sine * np.cos(phi), sine * np.sin(phi), mu])
-        cosine = normal @ wi
-        wo = 2 * cosine[..., None] * normal - wi
-        # dwo = 4 (wi.H) dH
-        weight = 4 * cosine * np.broadcast_to(solid, cosine.shape) * wo[..., 2]
-        lit = (cosine > 0) & (wo[..., 2] > 0)
-        values = evaluate(np.broadcast_to(wi, wo.shape)[lit], wo[lit])
-        values = weight[lit, None] * values.reshape(len(values), -1)
-        odd = np.broadcast_to(np.arange(len(turn)) % 2 == 1, lit.shape)[lit]
-        found.append(np.stack([2 * values[~odd].sum(axis=0), 2 * values[odd].sum(axis=0)], axis=-1))
-        albedo.evaluations += len(values)
-    return np.array(found)
+    mu, azimuth = np.meshgrid(cosines, np.arange(turns) * 2 * np.pi / turns, indexing="ij")
+    return mu.ravel(), azimuth.ravel()

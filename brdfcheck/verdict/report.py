@@ -34,13 +34,16 @@ class Report:
     reciprocity, minimum, NaN/Inf (None where the BRDF could not be evaluated); `checks`: what each check beside the albedo
     measured, and whether that passes. `findings`: defects, in words; `notes`: remarks.
 
-    What the answer rests on: `basis` ("theorem" where one holds, and `theorem` says which, else "search"; "single precision"
-    for a search over values in float32, whose rounding the error bar holds), `points` looked at, `climbs` begun, `settled`
-    (the last scan found nothing higher, and no climb was left unfinished that might yet cross 1), and `width`: the widest
-    region that the search may have missed, for each parameter as a part of its range, for "angle" and "azimuth" in degrees,
-    and for "cell" as a part of all ranges at once. `unbounded` says where the albedo grows without bound (`albedo` is then
-    infinite). `channel`: of `channels`, the one with the largest albedo (None: there is one only). `doubt`: of a measured
-    table, what the samples leave open and how much of the error bar that is (None for anything else).
+    What the answer rests on: `basis` ("proof" where `brdfcheck.certify` proves that it conserves, whatever the tolerance;
+    "theorem" where one holds, and `theorem` says which; else "search", or "single precision" for a search over values in
+    float32, whose rounding the error bar holds), `points` looked at, `climbs` begun, `settled` (the last scan found nothing
+    higher, and no climb was left unfinished that might yet cross 1), and `width`: the widest region that the search may have
+    missed, for each parameter as a part of its range, for "angle" and "azimuth" in degrees, and for "cell" as a part of all
+    ranges at once. `unbounded` says where the albedo grows without bound (`albedo` is then infinite). `channel`: of
+    `channels`, the one with the largest albedo (None: there is one only). `doubt`: of a measured table, what the samples leave
+    open and how much of the error bar that is (None for anything else).
+
+    `known`: why what was found is accepted (None: it is not, or nothing was found); `stale`: more is accepted than was found.
     """
 
     name: str
@@ -73,11 +76,13 @@ class Report:
     channels: int = 1
     effort: str = "normal"
     doubt: Doubt | None = None
+    known: str | None = None
+    stale: bool = False
 
     @property
     def passed(self) -> bool:
-        """True where the family conserves energy and has no other defect."""
-        return self.verdict is Verdict.CONSERVES and not self.findings
+        """True where the family conserves energy and has no other defect, or where what it has is known."""
+        return self.known is not None or (self.verdict is Verdict.CONSERVES and not self.findings)
 
     def __bool__(self) -> bool:
         return self.passed

@@ -16,8 +16,8 @@ from brdfcheck.brdf.family import corners
 from brdfcheck.brdf.two_sides import below_surface
 from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.quadrature.samples import TIMES
 from brdfcheck.quadrature.zonal import Zonal
-from brdfcheck.verdict.measured import TIMES
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -155,8 +155,8 @@ def _function_values(evaluator: Evaluator, parameters: np.ndarray) -> Values:
 def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding.
 
-    What transmits is looked at on the whole sphere. Two values of a table may be equal where they differ by less than their bars
-    (see `brdfcheck.verdict.measured`); towards grazing its samples are too far apart for a bar to mean anything.
+    What transmits is looked at on the whole sphere. Two values of a table may be equal where they differ by less than their
+    bars (see `brdfcheck.quadrature.samples`); towards grazing its samples are too far apart for a bar to mean anything.
     """
     wi, wo = direction_pairs()
     folded = albedo.family.sides is not None
@@ -202,12 +202,15 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     if np.any(unequal):
         unequal &= gap > limit * larger + 8 * _noise(values, wi, wo, there, back, albedo.epsilon)
         if np.any(unequal) and albedo.table is not None:
-            nearest = albedo.reading(albedo.table.by_nearest()).evaluator
+            nearest = albedo.nearest.evaluator
             assert nearest is not None
             sampled = _function_values(nearest, parameters[:, swept])(np.concatenate([wi, wo]), np.concatenate([wo, wi]))
             doubt = np.abs(both - sampled)
-            unequal &= gap > TIMES * (doubt[:, : len(wi)] + doubt[:, len(wi) :])
-            unequal &= (np.minimum(wi[:, 2], wo[:, 2]) > _STEEP)[:, None]
+            doubt = doubt[:, : len(wi)] + doubt[:, len(wi) :]
+            steep = np.broadcast_to((np.minimum(wi[:, 2], wo[:, 2]) > _STEEP)[:, None], larger.shape)
+            # Two look-ups may agree by chance, where their lines cross: a bar is at least half of what it usually is.
+            usual = np.median((doubt / np.maximum(larger, 1e-300))[steep & (larger > _NOTHING * peak)])
+            unequal &= steep & (gap > TIMES * np.maximum(doubt, usual / 2 * larger))
     told = np.where(unequal, residual, 0) if np.any(unequal) else np.where(residual <= limit, residual, 0)
     where = np.unravel_index(np.argmax(told), told.shape)
     least = np.where(finite, np.minimum(there, back), np.inf)

@@ -121,6 +121,8 @@ def basis_text(report: Report) -> str:
     if report.basis == "theorem":
         over = "" if "angle" in report.width else " over the parameters"
         looked = f"theorem: {report.theorem}, {count_text(report.points)} points{over}"
+    if report.basis == "proof":
+        return f"proof: at most 1 in exact arithmetic (brdfcheck certify), {count_text(report.points)} points for the largest"
     if not report.settled:
         looked += ", not settled"
     missed = width_text(report.width)

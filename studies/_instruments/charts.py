@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colour and marker of each rule, for life: rules of one family of ours share a colour. Peers are hollow.
+# Colour and marker of each rule, for life: lattices share a colour, as do plain Monte Carlo rules. Peers are hollow.
 RULES: dict[str, tuple[str, str]] = {
     "uniform-monte-carlo": ("#CC79A7", "v"),
     "cosine-monte-carlo": ("#CC79A7", "^"),
@@ -20,7 +20,7 @@ RULES: dict[str, tuple[str, str]] = {
     "sobol": ("#56B4E9", "<"),
     "r2-lattice": ("#56B4E9", ">"),
     "midpoint-product": ("#E69F00", "s"),
-    "gauss-product": ("#E69F00", "P"),
+    "gauss-product": ("#A6C100", "P"),
     "lobe-warped-gauss": ("#009E73", "h"),
     "tanh-sinh": ("#999999", "d"),
     "adaptive": ("#0072B2", "o"),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck import plots
+from brdfcheck.plots.paper import wrapped
 from brdfcheck.studies import WIDEST
 
 if TYPE_CHECKING:
@@ -14,9 +16,11 @@ if TYPE_CHECKING:
 # By the codes of `_instruments.stability.Outcome`.
 OUTCOMES = {"holds": "#DDEBDD", "loses digits": "#F5C86E", "lies": "#882255", "breaks": "#222222"}
 _PRECISIONS = ("float64", "float32")
-_ACROSS = 5
-_ROW = 0.13
-_PANEL = 2.35
+_LEFT_OUT = "left out"
+_ACROSS = 4
+_ROW = 0.13  # inches, as are the next two
+_PANEL = 2.1
+_LEAST_WIDTH = 6.6  # for the legend
 
 
 def _short(value: float) -> str:
@@ -27,11 +31,13 @@ def _short(value: float) -> str:
     return f"{value:g}"
 
 
-def _legend(figure: Figure) -> None:
+def _legend(figure: Figure, others: Mapping[str, str] = MappingProxyType({})) -> None:
+    """What the colours mean; `others`: more of them."""
     from matplotlib.patches import Patch
 
-    handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for name, color in OUTCOMES.items()]
-    figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
+    known = {**OUTCOMES, **others}
+    handles = [Patch(facecolor=color, edgecolor="#888888", label=name) for name, color in known.items()]
+    figure.legend(handles=handles, loc="lower center", ncols=len(known), frameon=False, fontsize=9, handlelength=2.4)
 
 
 def file_of(method: str) -> str:
@@ -65,7 +71,7 @@ def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
     methods = list(dict.fromkeys(result["method"] for result in results))
     quantities = list(dict.fromkeys(result["of"] for result in results))
     inches = 0.36 * len(methods) + 1.5
-    figure = plots.empty(max(3.1 * len(quantities) + 1.4, 6.6), inches)  # the legend needs 6.6
+    figure = plots.empty(max(3.1 * len(quantities) + 1.4, _LEAST_WIDTH), inches)
     with plots.house_style():
         grid = figure.subplots(1, len(quantities), sharey=True, squeeze=False)[0]
         for axes, quantity in zip(grid, quantities, strict=True):
@@ -101,21 +107,28 @@ def maps(
 def outcome_map(
     method: str, results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float]
 ) -> Figure:
-    """A panel for each lobe that `method` takes: parameters down; across, the angles of each quantity and precision.
+    """A panel for each lobe of which not all holds: parameters down; across, the angles of each quantity and precision.
 
-    What was not asked for is white.
+    What was left out is white. The lobes of which all holds are named below.
 
     `results` as in `shares`, with the lobe of each; `lobes`: label and parameters by name; `angles` in degrees.
     """
     own = [result for result in results if result["method"] == method]
-    names = list(dict.fromkeys(result["lobe"] for result in own))
+    failed = {result["lobe"] for result in own if set("".join(result["outcomes"])) - {"0", "-"}}
+    every = list(dict.fromkeys(result["lobe"] for result in own))
+    names = [name for name in every if name in failed] or every
+    whole = [lobes[name]["label"].replace(" = ", "\u00a0=\u00a0") for name in every if name not in names]
     blocks = list(dict.fromkeys((result["of"], result["dtype"]) for result in own))
     blocks.sort(key=lambda block: (["value", "d/dn", "d/dtheta"].index(block[0]), _PRECISIONS.index(block[1])))
-    count = len(angles)
+    count, holes = len(angles), False
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
-    inches = down * (12 * _ROW + 0.75) + 0.7
-    figure = plots.empty(across * _PANEL + 0.4, inches)
+    width = max(across * _PANEL + 0.4, _LEAST_WIDTH)
+    head = wrapped(f"{method}: exponent n (or slope m) down; in each column the angles {_listed(angles)}°", width, 9)
+    foot = wrapped(f"All holds for {'; '.join(whole)}.", width, 7.5) if whole else ""
+    above, below = 0.17 * (head.count("\n") + 1) + 0.1, 0.35 + (0.14 * (foot.count("\n") + 1) + 0.1 if foot else 0)
+    inches = down * (12 * _ROW + 0.75) + above + below
+    figure = plots.empty(width, inches)
     with plots.house_style():
         from matplotlib.colors import ListedColormap
 
@@ -130,18 +143,25 @@ def outcome_map(
                     for line, cells in enumerate(result["outcomes"]):
                         for column, cell in enumerate(cells):
                             picture[line][shift + column] = float("nan") if cell == "-" else float(cell)
+            holes = holes or any(cell != cell for line in picture for cell in line)
             axes.imshow(picture, aspect="auto", cmap=colors, vmin=-0.5, vmax=3.5, interpolation="nearest")
             for block in range(1, len(blocks)):
                 axes.axvline(block * count - 0.5, color="black" if block % 2 == 0 else "#888888", linewidth=0.7)
             axes.set_title(lobes[name]["label"], fontsize=8)
-            axes.set_yticks(range(len(parameters)), [_short(value) for value in parameters], fontsize=5.5)
-            labels = [f"{of.replace('theta', 'θ')}\n{dtype[-2:]}" for of, dtype in blocks]
-            axes.set_xticks([block * count + (count - 1) / 2 for block in range(len(blocks))], labels, fontsize=5.5)
+            axes.set_yticks(range(len(parameters)), [_short(value) for value in parameters], fontsize=6.5)
+            labels = [f"{of.replace('theta', 'θ')}\n{dtype}" for of, dtype in blocks]
+            axes.set_xticks([block * count + (count - 1) / 2 for block in range(len(blocks))], labels, fontsize=6.5)
             axes.tick_params(length=1.5)
         for axes in grid[len(names) :]:
             axes.axis("off")
-        shown = ", ".join(f"{angle:g}" for angle in angles)
-        figure.suptitle(f"{method}: n (or m) down; in each column, angles {shown}°, float{{64, 32}}", fontsize=9)
-        _legend(figure)
-        figure.tight_layout(rect=(0, 0.3 / inches, 1, 1 - 0.1 / inches))
+        figure.set_layout_engine("none")
+        figure.text(0.5, 1 - 0.06 / inches, head, ha="center", va="top", fontsize=9)
+        if foot:
+            figure.text(0.5, 0.37 / inches, foot, ha="center", va="bottom", fontsize=7.5, color="#444444")
+        _legend(figure, {_LEFT_OUT: "white"} if holes else {})
+        figure.tight_layout(rect=(0, below / inches, 1, 1 - above / inches))
     return figure
+
+
+def _listed(angles: Sequence[float]) -> str:
+    return ", ".join(f"{angle:g}" for angle in angles)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import importlib.util
 import inspect
 import itertools
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
@@ -59,7 +60,7 @@ def load_module(path_text: str) -> ModuleType:
 _last_folder: Path | None = None
 
 
-@contextmanager
+@contextlib.contextmanager
 def _importable(folder: Path) -> Iterator[None]:
     """`folder` at the head of the search path within the block, and at its end afterwards: for imports in functions."""
     global _last_folder
@@ -98,13 +99,29 @@ def _import_trouble(error: BaseException, path: Path) -> str:
     return f"{at}{type(error).__name__}: {one_line(error)}"
 
 
+def offered(path: str, modules: dict[str, ModuleType]) -> list[str]:
+    """All that a Python file offers as BRDFs, as specs: its public callables, of ``__all__`` where it has that. UsageError."""
+    if not path.endswith(".py"):
+        raise UsageError(f"{path}:*: only Python files are taken whole; name the function, as in {path}:NAME")
+    if path not in modules:
+        modules[path] = load_module(path)
+    names = _offers(modules[path])
+    if not names:
+        raise UsageError(f"{path}:*: it defines no public callable")
+    return [f"{path}:{name}" for name in names]
+
+
 def _offers(module: ModuleType) -> list[str]:
-    """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours)."""
+    """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours).
+
+    Of a module with ``__all__`` only what that names.
+    """
+    listed = getattr(module, "__all__", None)
     from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 
     found = []
     for name, value in vars(module).items():
-        if name.startswith("_"):
+        if name.startswith("_") or (listed is not None and name not in listed):
             continue
         own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, (AbstractBRDF, AbstractBSDF))
         if own and callable(directional(value)):
@@ -141,9 +158,37 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
     return value, f"{path}:{name}"
 
 
-def line_of(value: Any) -> int | None:
-    """The line at which the source of something begins; None where that is not known."""
+def line_of(value: Any, spec: str = "") -> int | None:
+    """The line at which something is defined; of an object in a file (`spec`) the line of that file which gives it its name.
+
+    That is where one looks for it, also where it was made by a call, decorated, or imported. None where it is not known.
+    """
+    path, name = split_spec(spec)
+    if name and path.endswith(".py"):
+        with contextlib.suppress(OSError, SyntaxError, ValueError):
+            return _named_at(ast.parse(Path(path).read_bytes()).body, name.split("."))
     try:
         return inspect.getsourcelines(value)[1] or None
     except (OSError, TypeError):
         return None
+
+
+def _named_at(body: list[ast.stmt], names: list[str]) -> int | None:
+    """The line of the last statement that binds ``names[0]``, and within a class the others; also under ``if`` or ``try``."""
+    found = None
+    for statement in body:
+        inside = [part for key in ("body", "orelse", "handlers", "finalbody") for part in getattr(statement, key, [])]
+        if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+            if statement.name == names[0]:
+                deeper = _named_at(statement.body, names[1:]) if isinstance(statement, ast.ClassDef) and names[1:] else None
+                found = deeper or statement.lineno
+        elif isinstance(statement, ast.Import | ast.ImportFrom):
+            if names[0] in [alias.asname or alias.name for alias in statement.names]:
+                found = statement.lineno
+        elif inside:
+            found = _named_at(inside, names) or found
+        elif isinstance(statement, ast.Assign | ast.AnnAssign | ast.AugAssign):
+            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+            if any(isinstance(node, ast.Name) and node.id == names[0] for target in targets for node in ast.walk(target)):
+                found = statement.lineno
+    return found

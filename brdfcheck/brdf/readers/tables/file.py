@@ -27,7 +27,7 @@ def mapped(path: str) -> np.ndarray:
         if Path(path).is_dir():
             raise mistake(path, "is a folder; give a file")
         if not Path(path).is_file():
-            raise mistake(path, "there is no such file")
+            raise mistake(path, "there is no such file" if not Path(path).exists() else "is no ordinary file")
         if Path(path).stat().st_size == 0:
             raise mistake(path, "is empty")
         return np.memmap(path, np.uint8, "r")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import final
 
 import equinox as eqx
@@ -63,6 +64,9 @@ class Merl(AbstractTable):
     def by_nearest(self) -> Merl:
         return dataclasses.replace(self, nearest=True)
 
+    def of_channels(self, channels: Sequence[int]) -> Merl:
+        return dataclasses.replace(self, values=self.values[:, np.asarray(channels)], samples=self.samples.of(channels))
+
     def filled(self) -> Merl | None:
         if not self.samples.missing:
             return None
@@ -87,7 +91,7 @@ class Merl(AbstractTable):
             bracket(place, count, nearest=self.nearest, periodic=axis == 2)
             for axis, (place, count) in enumerate(zip(places, SHAPE, strict=True))
         ]
-        found = looked_up(self.values, SHAPE, brackets)
+        found = looked_up(self.values, SHAPE, brackets, wi.dtype)
         return jnp.where(geometry.above_horizon(wi, wo)[..., None], found, 0).astype(wi.dtype)
 
 
@@ -143,15 +147,11 @@ def _seen() -> np.ndarray:
 
 
 def _mostly(lost: np.ndarray) -> str:
-    """Where most of the bins without data are: the shortest end of an angle's range that holds nine tenths of them."""
+    """Where most of the bins without data are: beyond which angle of the light or the viewer, in the middle of a bin."""
     if not np.any(lost):
         return ""
-    best = ""
-    least = np.inf
-    for axis, name in enumerate(("theta_h", "theta_d")):
-        count = np.cumsum(lost.sum(axis=tuple({0, 1, 2} - {axis}))[::-1])
-        index = SHAPE[axis] - 1 - int(np.searchsorted(count, 0.9 * count[-1]))
-        edge = float(np.degrees(_edges()[axis].ravel()[index]))
-        if 90 - edge < least:
-            best, least = f"nine in ten at {name} above {edge:.3g} deg", 90 - edge
-    return best
+    h, d, p = ((np.arange(size) + 0.5) / size for size in SHAPE)
+    h, d, p = _QUARTER * h[:, None, None] ** 2, _QUARTER * d[:, None], np.pi * p
+    lower = np.cos(d) * np.cos(h) - np.sin(d) * np.sin(h) * np.abs(np.cos(p))
+    angle = np.degrees(np.arccos(np.maximum(lower[lost], 0)))
+    return f"nine in ten of them where light or viewer are more than {np.quantile(angle, 0.1):.3g} deg from the normal"

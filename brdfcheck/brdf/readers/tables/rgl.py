@@ -20,6 +20,7 @@ the number that would have drawn $\omega_m$ from the facets that the light sees.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from itertools import product
 from typing import Any, final
 
@@ -69,6 +70,9 @@ class Rgl(AbstractTable):
     def by_nearest(self) -> Rgl:
         return dataclasses.replace(self, nearest=True)
 
+    def of_channels(self, channels: Sequence[int]) -> Rgl:
+        return dataclasses.replace(self, values=self.values[:, np.asarray(channels)], samples=self.samples.of(channels))
+
     def filled(self) -> Rgl | None:
         if not self.samples.missing:
             return None
@@ -96,16 +100,12 @@ class Rgl(AbstractTable):
         ]
         x, y = self._unit(theta_m, turned)
         drawn = self._drawn(x, y, light)
-        rows, columns = self.shape
-        value = looked_up(
-            self.values,
-            (len(self.lights[0]), len(self.lights[1]), rows, columns),
-            [*light, *self._grid(drawn[0], drawn[1], self.shape)],
-        )
+        lights, dtype = (len(self.lights[0]), len(self.lights[1])), wi.dtype
+        value = looked_up(self.values, (*lights, *self.shape), [*light, *self._grid(*drawn, self.shape)], dtype)
         if self.jacobian:
-            facets = looked_up(jnp.ravel(self.ndf), self.ndf.shape, self._grid(x, y, self.ndf.shape))
-            sigma = looked_up(
-                jnp.ravel(self.sigma), self.sigma.shape, self._grid(*self._unit(theta_i, phi_i), self.sigma.shape)
+            facets, sigma = (
+                looked_up(jnp.ravel(table), table.shape, self._grid(*place, table.shape), dtype)
+                for table, place in ((self.ndf, (x, y)), (self.sigma, self._unit(theta_i, phi_i)))
             )
             value = value * (facets / (4 * sigma))[..., None]
         cosine = jnp.where(wo[..., 2] > 0, wo[..., 2], 1)[..., None]
@@ -162,6 +162,7 @@ class RglFile(AbstractTableFile):
         name = "rgb" if "rgb" in self._arrays else "spectra"
         jacobian = self._floats("jacobian", 1)
         values = self._floats(name, 5)
+        values = values if values.dtype.itemsize > 2 and values.dtype.kind == "f" else values.astype(np.float32)
         channels = values.shape[2]
         if values.shape[:2] != lights or min(values.shape[3:]) < 2:
             raise self._wrong(
@@ -198,7 +199,7 @@ class RglFile(AbstractTableFile):
             shape=values.shape[3:],
             density_shape=density.shape[2:],
             jacobian=bool(jacobian[0]),
-            reduction=1 if len(phi_i) <= 2 else round(2 * np.pi / float(phi_i[-1] - phi_i[0])),
+            reduction=1 if len(phi_i) <= 2 else round(2 * np.pi / max(float(phi_i[-1] - phi_i[0]), 0.1)),
             nearest=False,
             samples=self._samples(lost.reshape(*lights, -1), values.shape, theta_i, names),
         )
@@ -257,14 +258,14 @@ class RglFile(AbstractTableFile):
         """The angles of the light: rising, in radians."""
         found = self._floats(name, 1).astype(float)
         if np.any(np.diff(found) <= 0) or np.any(np.abs(found) > most + 1e-3):
-            raise mistake(self.path, f"{name!r} must rise, within {most:.4g} radians of 0; got {one_line_of(found)}")
+            raise mistake(self.path, f"{name!r} must rise, within {most:.4g} radians of 0; got {_few(found)}")
         return found
 
     def _wrong(self, name: str, shape: tuple[int, ...], allowed: str) -> Exception:
         return mistake(self.path, f"the array {name!r} has the shape {' x '.join(map(str, shape)) or '1'}; expected {allowed}")
 
 
-def one_line_of(numbers: np.ndarray) -> str:
+def _few(numbers: np.ndarray) -> str:
     """A few numbers, for messages."""
     shown = ", ".join(f"{number:g}" for number in numbers[:6])
     return f"{shown}, ..." if len(numbers) > 6 else shown

@@ -17,6 +17,7 @@ from brdfcheck.brdf.readers.tables.file import mistake
 from brdfcheck.messages import one_line
 
 MAGIC = b"tensor_file\0"
+_LONGEST = 64
 KINDS = dict(enumerate(("u1", "i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f2", "<f4", "<f8"), start=1))
 """What numbers an array holds, by their number in the file."""
 
@@ -43,6 +44,8 @@ def read_arrays(data: np.ndarray, path: str) -> dict[str, np.ndarray]:
     for number in range(count):
         what = f"the description of array {number + 1} of {count}"
         (length,) = taken("H", what)
+        if length > _LONGEST:
+            raise mistake(path, f"{what} has a name of {length} bytes; at most {_LONGEST} are read")
         name = one_line(taken(f"{length}s", what)[0].decode("utf-8", "backslashreplace"))
         dimensions, kind, offset = taken("HBQ", what)
         shape = taken(f"{dimensions}Q", what)
@@ -57,5 +60,7 @@ def read_arrays(data: np.ndarray, path: str) -> dict[str, np.ndarray]:
         if end > len(data):
             sizes = " x ".join(map(str, shape)) or "1"
             raise mistake(path, f"the array {name!r} ({sizes}) ends at byte {end}; the file has {len(data)}: it is truncated")
-        arrays[name] = np.frombuffer(data[offset:end].data, dtype).reshape(shape) if end > offset else np.empty(shape, dtype)
+        # An array with nothing in it may claim any size besides.
+        full = end > offset
+        arrays[name] = np.frombuffer(data[offset:end].data, dtype).reshape(shape) if full else np.empty(0, dtype)
     return arrays

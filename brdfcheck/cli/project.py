@@ -1,0 +1,162 @@
+"""What of ``brdfcheck check`` concerns a project: its subjects, known violations, and checking again when a file is saved."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from brdfcheck.cli.app import NothingToCheck
+from brdfcheck.cli.output import Output, refused
+from brdfcheck.gate.requests import Case, Request
+from brdfcheck.gate.sources import watched as files_of
+from brdfcheck.messages import UsageError
+
+if TYPE_CHECKING:
+    from brdfcheck.gate.config import Gate, Known
+    from brdfcheck.verdict import Report
+
+Config = Annotated[
+    str | None,
+    typer.Option(
+        "--config",
+        metavar="FILE",
+        help="Check the subjects of this pyproject.toml or brdfcheck.toml. [default: the nearest one up to the root of the"
+        " project]",
+    ),
+]
+NoConfig = Annotated[bool, typer.Option("--no-config", help="Look for no such file: without names check the catalogue.")]
+UpdateBaseline = Annotated[
+    bool, typer.Option("--update-baseline", help="Write what the subjects violate now into their file, as known.")
+]
+NoCache = Annotated[bool, typer.Option("--no-cache", help="Check again what has not changed, and keep no verdict.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say only what does not pass.")]
+Watch = Annotated[bool, typer.Option("--watch", help="Check again whenever a file is saved, until Ctrl-C.")]
+
+# Seconds between two looks at the files.
+_EVERY = 0.3
+
+
+def gate(config: str | None, no_config: bool) -> Gate | None:
+    """The subjects of the project: of the file that is named, or of the nearest one. UsageError where it is wrong."""
+    from brdfcheck.gate.config import SHARED, find, read
+
+    if config is not None and no_config:
+        raise UsageError("--config and --no-config cannot go together")
+    if no_config:
+        return None
+    if config is None:
+        return find()
+    found = read(config)
+    if found is None:
+        raise UsageError(f"--config: {config} has no [tool.brdfcheck]; brdfcheck init adds one to {SHARED}")
+    return found
+
+
+def refuse_options(given: Mapping[str, Any], gate: Gate) -> None:
+    """UsageError for options that are for BRDFs named on the command line."""
+    wrong = next((option for option, value in given.items() if value), None)
+    if wrong is not None:
+        raise UsageError(
+            f"{wrong}: without names the subjects of {gate.path.name} are checked, which have ranges and options of their own"
+            " (--no-config for the catalogue)"
+        )
+
+
+def refuse_options_of_projects(names: Sequence[str] | None, config: str | None, update_baseline: bool) -> None:
+    """UsageError for options that are for the subjects of a file."""
+    if names and config is not None:
+        raise UsageError("--config is for the subjects of a file; give no names")
+    if update_baseline:
+        raise UsageError(
+            "--update-baseline is for the subjects of pyproject.toml or brdfcheck.toml; "
+            + ("give no names" if names else "there is none (brdfcheck init writes one)")
+        )
+
+
+def validated() -> list[str]:
+    """The names of the validated catalogue."""
+    from brdfcheck.brdf import catalog
+
+    return [entry.name for entry in catalog.entries() if entry.validated]
+
+
+def filtered(requests: Sequence[Request], substring: str) -> list[Request]:
+    """The requests of which a name contains the text, in either case, and of these those names. NothingToCheck for none."""
+    from dataclasses import replace
+
+    found = []
+    for request in requests:
+        names = tuple(name for name in request.names if substring.lower() in name.lower())
+        if names:
+            found.append(request if names == request.names else replace(request, names=names))
+    if not found:
+        raise NothingToCheck(f"nothing to check: no name contains {substring!r}; brdfcheck list shows all names")
+    return found
+
+
+def update(gate: Gate, cases: Sequence[Case], reports: Sequence[Report], output: Output) -> list[Known | None]:
+    """Write what the subjects violate into the project's file. Returns what each case is expected to violate now."""
+    from brdfcheck.gate.baseline import needed, updated
+
+    found: dict[int | None, Known | None] = {}
+    for index, request in {case.request.index: case.request for case in cases}.items():
+        own = [report for case, report in zip(cases, reports, strict=True) if case.request.index == index]
+        found[index] = needed(own, request.expect)
+    changed = {case.request.index for case in cases if found[case.request.index] != case.request.expect}
+    if changed:
+        text = updated(gate, {index: found[index] for index in changed if index is not None})
+        with refused("--update-baseline", str(gate.path)):
+            output.save(str(gate.path), text, "--update-baseline")
+    count = sum(value is not None for value in found.values())
+    output.line(f"{gate.path.name}: {count} known, {len(changed)} changed")
+    return [found[case.request.index] for case in cases]
+
+
+# --- watching ---
+
+
+def watched(requests: Sequence[Request], gate: Gate | None) -> int:
+    """Run the command, and again whenever a file has changed that may change a verdict, until the process is interrupted.
+
+    Each run is a process of its own, so that nothing of an older version of a file is left in it; what has not changed comes
+    from the cache.
+    """
+    command = [sys.executable, "-m", "brdfcheck", *(word for word in sys.argv[1:] if word != "--watch")]
+
+    def files() -> set[Path]:
+        named = {path for request in requests for path in files_of(request.names, request.reading.folders)}
+        return named | ({gate.path} if gate is not None else set())
+
+    if not files():
+        raise UsageError("--watch: BRDFs of the catalogue are in no file that could be saved")
+    again(lambda: subprocess.run(command, check=False).returncode, files, lambda: time.sleep(_EVERY))
+    return 0
+
+
+def again(run: Callable[[], object], files: Callable[[], set[Path]], pause: Callable[[], object]) -> None:
+    """Call `run`, and again each time that one of the files has changed; `pause` between two looks. Ends with an exception."""
+    while True:
+        before = _stamps(files())
+        run()
+        print(f"brdfcheck: watching {len(before)} files; Ctrl-C ends", file=sys.stderr, flush=True)
+        while _stamps(files()) == before:
+            pause()
+
+
+def _stamps(files: set[Path]) -> dict[Path, tuple[int, int] | None]:
+    """When each file was changed, and its size; None for one that is not there."""
+    found: dict[Path, tuple[int, int] | None] = {}
+    for file in files:
+        try:
+            state = os.stat(file)
+            found[file] = (state.st_mtime_ns, state.st_size)
+        except OSError:
+            found[file] = None
+    return found

@@ -1,0 +1,267 @@
+"""``brdfcheck table``: what a renderer looks up, or computes by a small function, with error bars and provenance."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from brdfcheck.cli import words
+from brdfcheck.cli.app import (
+    CosTheta,
+    Debug,
+    Define,
+    ExitCode,
+    Include,
+    Json,
+    Over,
+    Returns,
+    Roles,
+    asked,
+    command,
+    reading,
+    start,
+)
+from brdfcheck.cli.output import Output, refused
+from brdfcheck.messages import UsageError, one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.readers.base import Reading
+
+_TABLES = ("csv", "npy", "exr", "dds", "hpp")
+_SOURCE = ("glsl", "hlsl", "h")
+_BESIDE = ("npy", "dds")
+
+
+@command(
+    "table",
+    epilog="""\b
+Examples:
+  brdfcheck table ggx --over roughness=0:1 -o E.exr
+  brdfcheck table ggx --over roughness=0:1 --size 64x64 -o dfg.dds -o dfg.glsl
+  brdfcheck table mine.py:glossy --over n=1:1000 -o table.csv
+  brdfcheck table ggx --over roughness=0:1 --compensation -o E.hpp
+  brdfcheck table disney.brdf --over roughness=0.1:1 --size 16x16 -o E.npy
+
+\b
+Quantities:
+  E              directional albedo over the parameter and cos theta
+  average        2 int E(mu) mu dmu
+  scale, bias    split sum: the albedo with Schlick's Fresnel term is
+                 F0 scale + bias; of facets of this package, and of
+                 BRDFs with a parameter F0
+  compensation   E and average of the multiple scattering of Kulla and
+                 Conty, raised so that linear look-ups conserve energy
+
+\b
+Files, by their endings; rows run over the parameter, columns over cos theta:
+  exr            float32 channels by name, error bars among them
+  npy, csv       float64, error bars among them; npy with FILE.json beside it
+  dds            two channels, R32G32 float, with FILE.json beside it
+  hpp            C++ arrays with a linear look-up
+  glsl, hlsl, h  small functions, with their largest error
+
+The roughness of a BRDF that has an alpha or m instead is its square root.
+
+\b
+Exit codes:
+  0  written                                 3  internal error
+  1  the compensated BRDF does not pass,     4  usage error
+     or the BRDF cannot be evaluated
+  2  interrupted""",
+)
+def _table(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="TARGET", help="What check takes: a catalogue name, file.py:object, or a file.", show_default=False
+        ),
+    ],
+    output: Annotated[
+        list[str],
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            parser=words.file(*(f".{kind}" for kind in (*_TABLES, *_SOURCE))),
+            help="Write a file; its ending says what. Repeatable.",
+        ),
+    ],
+    over: Over = None,
+    size: Annotated[
+        words.Size | None,
+        typer.Option(
+            "--size",
+            metavar="ROWSxCOLUMNS",
+            parser=words.size,
+            help="Nodes of the parameter and of cos theta. [default: 64x64]",
+        ),
+    ] = None,
+    nodes: Annotated[
+        Literal["centres", "ends"],
+        typer.Option(help="Where nodes lie: in the centres of texels, (k+1/2)/N of the range, or from end to end, k/(N-1)."),
+    ] = "centres",
+    texture: Annotated[
+        Literal["dfg", "albedo", "compensation"] | None,
+        typer.Option(help="The two channels of a DDS file. [default: dfg, or albedo where there is no split sum]"),
+    ] = None,
+    compensation: Annotated[
+        bool, typer.Option("--compensation", help="Also the table of the multiple-scattering compensation of Kulla and Conty.")
+    ] = False,
+    verify: Annotated[
+        bool, typer.Option("--check", help="Put the compensated BRDF through check, from cos theta 0.01 on (a minute).")
+    ] = False,
+    cos_theta: CosTheta = None,
+    rtol: Annotated[
+        float | None,
+        typer.Option(metavar="NUMBER", min=1e-12, max=0.1, help="Accuracy of the cells. [default: best; functions 1e-6]"),
+    ] = None,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
+    json: Json = None,
+    debug: Debug = False,
+) -> int:
+    """Tables for renderers: directional and average albedo, split sum, compensation; or small functions in their place.
+
+    Each cell is integrated, with an error bar; nothing is clamped.
+    """
+    if verify and not compensation:
+        raise UsageError("--check: it is the compensated BRDF that is checked; give --compensation too")
+    seen: dict[str, str | None] = {"--json": json}
+    for number, path in enumerate(output):
+        seen[f"-o ({number + 1})"] = path
+        if _kind(path) in _BESIDE:
+            seen[f"-o ({number + 1}), its metadata"] = f"{path}.json"
+            if trouble := words.trouble_with(f"{path}.json"):
+                raise UsageError(f"-o: {trouble}")
+    words.refuse_same(seen)
+    rows, columns = size or words.Size(64, 64)
+    how = reading(define, include, args, returns)
+    settings = {
+        "name": name,
+        "over": words.together(over),
+        "size": [rows, columns],
+        "nodes": nodes,
+        "compensation": compensation,
+        "texture": texture,
+        "cos_theta": cos_theta,
+        "rtol": rtol,
+        "precision": "float64",
+        **how.record,
+    }
+    return _run(settings, how, output, verify, Output(json))
+
+
+def _kind(path: str) -> str:
+    return Path(path).suffix.lower().removeprefix(".")
+
+
+def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bool, output: Output) -> int:
+    began = time.perf_counter()
+    start()
+    from brdfcheck.brdf.callables import Finding
+    from brdfcheck.fits.compact import compact_fits
+    from brdfcheck.fits.compensation import checked, compensation
+    from brdfcheck.fits.renderer import renderer_table
+    from brdfcheck.output import records
+    from brdfcheck.output.renderer_files import renderer_metadata, texture_of, write_renderer_table
+    from brdfcheck.output.source import renderer_snippet
+
+    kinds = [_kind(path) for path in paths]
+    rows, columns = settings["size"]
+    added, report, fits = None, None, None
+    with contextlib.redirect_stdout(sys.stderr), output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
+        try:
+            table = renderer_table(
+                settings["name"],
+                settings["over"],
+                size=(rows, columns),
+                placement=settings["nodes"],
+                cos_theta=settings["cos_theta"],
+                rtol=settings["rtol"],
+                reading=how,
+                say=lambda done, of: show(f"integrating: {done} of {of} rows"),
+            )
+            start()  # a user's file may have changed the precision
+            if settings["texture"] == "dfg" and table.scale is None:
+                raise UsageError(f"--texture dfg: {table.why}")
+            if settings["compensation"]:
+                show("integrating between the cells")
+                added = compensation(table, settings["rtol"])
+            if "dds" in kinds:
+                texture_of(table, added, settings["texture"])
+            if set(kinds) & set(_SOURCE):
+                show("fitting")
+                fits = compact_fits(table)
+            if verify and added is not None:
+                show("checking the compensated BRDF")
+                report = checked(added)
+        except Finding as finding:
+            output.line(f"{settings['name']}  cannot be evaluated: {one_line(finding)}")
+            return ExitCode.FAILED
+    line = _command(settings, how, paths)
+    metadata = renderer_metadata(table, added, report, command=line)
+    for path, kind in zip(paths, kinds, strict=True):
+        if kind in _SOURCE and fits is not None:
+            facts = [f"{metadata['name']}: {metadata['formula'] or 'no formula known'}", f"Parameter: {metadata['parameter']}."]
+            with asked():
+                text = renderer_snippet(kind, fits, table.sources.family.name, facts=facts, command=line)
+            output.save(path, text, "-o")
+        else:
+            with refused("-o", path), asked():
+                write_renderer_table(path, table, kind, added, texture=settings["texture"], metadata=metadata)
+    for text in _lines(settings, table, added, fits, report, paths):
+        output.line(text)
+    code = ExitCode.PASSED if report is None or report.passed else ExitCode.FAILED
+    summary = {"seconds": time.perf_counter() - began, "exit_code": int(code)}
+    result = {**metadata, "files": paths, "check": None if report is None else records.to_json_object(report)}
+    output.write_json(lambda: records.document("table", [result], settings=settings, summary=summary))
+    return code
+
+
+def _command(settings: Mapping[str, Any], how: Reading, paths: list[str]) -> str:
+    """The command that makes the same files."""
+    line = ["brdfcheck", "table", settings["name"]]
+    for key, (low, high) in settings["over"].items():
+        line += ["--over", f"{key}={words.written(low)}" + (f":{words.written(high)}" if high > low else "")]
+    line += ["--size", "x".join(map(str, settings["size"])), "--nodes", settings["nodes"]]
+    line += ["--texture", settings["texture"]] if settings["texture"] else []
+    line += ["--compensation"] if settings["compensation"] else []
+    if settings["cos_theta"]:
+        line += ["--cos-theta", ":".join(map(words.written, settings["cos_theta"]))]
+    line += ["--rtol", words.written(settings["rtol"])] if settings["rtol"] else []
+    return shlex.join([*line, *how.command, *(word for path in paths for word in ("-o", path))])
+
+
+def _lines(settings: Mapping[str, Any], table: Any, added: Any, fits: Any, report: Any, paths: list[str]) -> list[str]:
+    """What was made, for a person."""
+    grid = table.grid
+    rows, columns = grid.values.shape
+    low, high = table.bounds
+    axis = f"{grid.parameter}={low:g}:{high:g}" if high > low else "one row, the BRDF has no parameter that runs"
+    mapping = f" ({table.sources.mapping})" if table.sources.mapping else ""
+    lines = [f"{grid.family.name}  {rows} x {columns} cells, {axis}{mapping}, {table.placement} ({grid.engine})"]
+    for name, (value, bar) in table.channels.items():
+        lines.append(f"  {name:<12} {value.min():.6f} to {value.max():.6f}, error bar at most {bar.max():.2g}")
+    if table.why:
+        lines.append(f"  no split sum: {table.why}")
+    if added is not None:
+        lines.append(
+            f"  compensation loses at most {added.loss:.2g} with linear look-ups"
+            f" (the table of E itself would exceed 1 by {max(added.excess, 0):.2g})"
+        )
+    if report is not None:
+        lines.append(f"  check        {report.verdict.name}: albedo {report.albedo:.6f} +- {report.error:.1g}")
+    if fits is not None:
+        split = "" if fits.share is None else f", split sum within {fits.split_sum_error:.2g}"
+        average = "" if fits.average is None else f", average within {fits.average.max_error:.2g}"
+        lines.append(f"  functions    albedo within {fits.albedo.max_error:.2g}{average}{split}")
+    return [*lines, *(f"  wrote        {path}" for path in paths)]

@@ -1,0 +1,230 @@
+"""The subjects of a project: ``[tool.brdfcheck]`` of pyproject.toml, or brdfcheck.toml, which has the same without that prefix.
+
+    [tool.brdfcheck]
+    effort = "quick"                        # optional, for all subjects: effort, tolerance, rtol, cache
+
+    [[tool.brdfcheck.subjects]]
+    target = "mine.py:glossy"               # what `brdfcheck check` takes; files as seen from this one
+    over = { n = [1, 200] }                 # ranges; { values = [1, 10, 100] } checks each value by itself
+    hold = { ks = 0.5 }                     # values; of a vector a list
+    cos_theta = [0.1, 1]                    # and tolerance, rtol, effort, reading = { returns = "brdf*cos" }
+    expect = { violates = 1.0752, reason = "kept for old scenes" }     # by default "conserves"
+
+What is wrong with the file is a `UsageError` in one line that names the place, the value and what is allowed. Imports nothing
+that is heavy.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Strict, Tag, field_validator, model_validator
+
+from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
+from brdfcheck.brdf.readers.table import ReadingTable, beside
+from brdfcheck.brdf.values import Range, Values, components
+from brdfcheck.documents import Model, read_document, validated
+from brdfcheck.gate.requests import Request
+
+OWN, SHARED = "brdfcheck.toml", "pyproject.toml"
+"""Where the subjects of a project are looked for, in this order."""
+EFFORTS = ("quick", "normal", "thorough")
+
+_Bounds = Annotated[tuple[float, float], Strict(False)]
+_Numbers = Annotated[list[float], Strict(False)]
+_Tolerance = Annotated[float, Field(ge=0, le=0.5)]
+_Rtol = Annotated[float, Field(ge=1e-16, le=0.5)]
+_Effort = Literal["quick", "normal", "thorough"]
+
+
+class Each(Model):
+    """Values of a parameter that are checked one by one."""
+
+    values: Annotated[_Numbers, Field(min_length=1, max_length=1000)]
+
+
+class Known(Model):
+    """A violation that is accepted: how large it may be, the findings that may come with it, and why.
+
+    `violates`: the largest albedo, ``inf`` where it grows without bound; `undecided`: no verdict is accepted too; `findings`:
+    names of checks that may fail, as reports have them ("reciprocal", "positive", "finite", ..., or "other").
+    """
+
+    violates: float | None = Field(None, gt=1, allow_inf_nan=True)
+    undecided: bool = False
+    findings: list[str] = []  # noqa: RUF012 - pydantic copies it
+    reason: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _something(self) -> Known:
+        if self.violates is None and not self.undecided and not self.findings:
+            raise ValueError("must say what is accepted: violates = ALBEDO, undecided = true or findings = [CHECK, ...]")
+        if self.violates is not None and math.isnan(self.violates):
+            raise ValueError("violates must be a number above 1, or inf")
+        return self
+
+
+_Expected = Annotated[
+    Annotated[Known, Tag("table")] | Annotated[Literal["conserves"], Tag("text")],
+    Discriminator(lambda given: "table" if isinstance(given, Mapping | Known) else "text"),
+]
+
+
+class Options(Model):
+    """How a BRDF is checked: what a subject and the marker of pytest say of one."""
+
+    over: dict[str, _Bounds | Each] = {}  # noqa: RUF012
+    hold: dict[str, bool | float | _Numbers] = {}  # noqa: RUF012
+    cos_theta: _Bounds | None = None
+    tolerance: _Tolerance | None = None
+    rtol: _Rtol | None = None
+    effort: _Effort | None = None
+    reading: ReadingTable = ReadingTable()
+    expect: _Expected = "conserves"
+
+    @field_validator("over")
+    @classmethod
+    def _ordered(cls, over: dict[str, Any]) -> dict[str, Any]:
+        for name, bounds in over.items():
+            if isinstance(bounds, tuple) and bounds[0] > bounds[1]:
+                raise ValueError(f"{name}: LO must not exceed HI")
+        return over
+
+    @field_validator("cos_theta")
+    @classmethod
+    def _cosines(cls, bounds: Range | None) -> Range | None:
+        if bounds is not None and not 0 <= bounds[0] <= bounds[1] <= 1:
+            raise ValueError("must run within 0 and 1")
+        return bounds
+
+    @model_validator(mode="after")
+    def _once(self) -> Options:
+        for name in self.over:
+            if name in self.hold:
+                raise ValueError(f"{name} is both in over and in hold")
+        for name, value in self.hold.items():
+            if isinstance(value, list) and not 2 <= len(value) <= 4:
+                raise ValueError(f"hold: {name}: a vector has 2 to 4 components; got {len(value)}")
+        return self
+
+    def ranges(self) -> dict[str, Range | Values]:
+        """What parameters run over, as `brdfcheck.brdf.subject.resolve` takes it."""
+        found: dict[str, Range | Values] = {}
+        for name, bounds in self.over.items():
+            found[name] = Values(bounds.values) if isinstance(bounds, Each) else bounds
+        for name, value in self.hold.items():
+            if isinstance(value, list):
+                found |= components(name, value)
+            else:
+                found[name] = (float(value), float(value))
+        return found
+
+
+class Subject(Options):
+    """A BRDF of the project."""
+
+    target: str = Field(min_length=1)
+
+
+class Document(Model):
+    """All that a project says."""
+
+    subjects: Annotated[list[Subject], Strict(False), Field(min_length=1)]
+    tolerance: _Tolerance | None = None
+    rtol: _Rtol | None = None
+    effort: _Effort | None = None
+    cache: bool = True
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The subjects of a project. `path`: the file that says so; `prefix`: the table in it."""
+
+    path: Path
+    document: Document
+    prefix: tuple[str, ...] = field(default=())
+
+    def requests(self, **given: Any) -> list[Request]:
+        """What is to be checked, in the order of the file; `given`: tolerance, rtol, effort, which go before the file's."""
+        folder = self.path.parent
+        found = []
+        for index, subject in enumerate(self.document.subjects):
+            label = f"{self.path.name}: subjects[{index}]"
+            options: dict[str, Any] = {}
+            for key in ("tolerance", "rtol", "effort"):
+                said = (given.get(key), getattr(subject, key), getattr(self.document, key))
+                options[key] = next((value for value in said if value is not None), None)
+            options["effort"] = options["effort"] or "normal"
+            reading = beside(subject.reading.reading(label), _near(folder))
+            expect = None if subject.expect == "conserves" else subject.expect
+            found.append(
+                Request(
+                    (placed(subject.target, folder),),
+                    subject.ranges(),
+                    subject.cos_theta,
+                    reading,
+                    **options,
+                    expect=expect,
+                    index=index,
+                    label=label,
+                )
+            )
+        return found
+
+
+def _near(folder: Path) -> Path:
+    """The folder as seen from here."""
+    return Path(os.path.relpath(folder))
+
+
+def placed(target: str, folder: Path) -> str:
+    """A target as seen from here; its file is meant as seen from `folder`."""
+    if target.startswith("mitsuba:") and ".xml" in target:
+        return f"mitsuba:{os.path.normpath(_near(folder) / target.removeprefix('mitsuba:'))}"
+    if target.startswith(PREFIXES) or not is_file_spec(target):
+        return target
+    path, name = split_spec(target)
+    near = os.path.normpath(_near(folder) / path)
+    return near if name is None else f"{near}:{name}"
+
+
+def read(path: str | Path) -> Gate | None:
+    """What a file says of subjects; None for a pyproject.toml that says nothing. UsageError where it is wrong."""
+    document, label = read_document(path)
+    prefix: tuple[str, ...] = ()
+    if Path(path).name == SHARED:
+        prefix = ("tool", "brdfcheck")
+        for key in prefix:
+            document = document.get(key, {})
+        if not document:
+            return None
+        label = f"{label}: [tool.brdfcheck]"
+    return Gate(Path(path).resolve(), validated(Document, document, label), prefix)
+
+
+def find(folder: Path | None = None) -> Gate | None:
+    """The subjects of the project that `folder` (by default the current one) is in: of the nearest file up to its root.
+
+    The root is where there is a .git. UsageError where the file is wrong.
+    """
+    folder = Path.cwd() if folder is None else folder
+    for here in (folder, *folder.parents):
+        for name in (OWN, SHARED):
+            if (here / name).is_file() and (found := read(_near(here) / name)) is not None:
+                return found
+        if (here / ".git").exists():
+            break
+    return None
+
+
+def options_of(given: Mapping[str, Any], label: str) -> Options:
+    """Options from Python, where ranges are tuples. UsageError, which begins with `label`, where they are wrong."""
+    rest = {key: value for key, value in given.items() if key != "returns"}
+    if "returns" in given:
+        rest["reading"] = {"returns": given["returns"]}
+    return validated(Options, rest, label)

@@ -1,0 +1,159 @@
+"""A first list of a project's BRDFs, from the files in its folder. Python files are read and not run."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from brdfcheck.brdf.readers.specs import SUFFIXES
+from brdfcheck.messages import UsageError, one_line, written
+
+# Folders that hold nothing of the project's own, and files that are tests.
+_FOREIGN = frozenset(("__pycache__", "build", "dist", "node_modules", "site-packages", "venv"))
+_MOST = 500
+# Methods that make an object a BRDF.
+_METHODS = ("eval", "f")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A BRDF in a file: its ranges as far as they are known, the parameters without one, remarks. Without `target` none."""
+
+    file: str
+    target: str | None
+    over: dict[str, tuple[float, float]]
+    missing: tuple[str, ...] = ()
+    remark: str = ""
+
+
+def files(folder: Path) -> list[Path]:
+    """The files below a folder that may hold BRDFs, as seen from it; those of other projects in it and tests left out."""
+    found: list[Path] = []
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not (name.startswith(".") or name in _FOREIGN))
+        if (Path(place) / "pyvenv.cfg").exists():
+            folders.clear()
+            continue
+        for name in sorted(names):
+            test = name.startswith(("test_", "conftest", "setup.")) or name.endswith("_test.py")
+            if name.lower().endswith(SUFFIXES) and not name.startswith(".") and not test:
+                found.append((Path(place) / name).relative_to(folder))
+    return found[:_MOST]
+
+
+def found(folder: Path) -> Iterator[Found]:
+    """What the files below a folder offer."""
+    for path in files(folder):
+        if path.suffix == ".py":
+            yield from _python(folder / path, path.as_posix())
+        else:
+            yield _read(folder, path.as_posix())
+
+
+def _read(folder: Path, name: str) -> Found:
+    """A shader, a document or a table: read as it will be when it is checked."""
+    import contextlib
+
+    from brdfcheck.brdf.family import NoRange
+    from brdfcheck.brdf.subject import as_target
+
+    with contextlib.chdir(folder):
+        try:
+            family = as_target(name).family
+        except NoRange as error:
+            return Found(name, name, {}, error.names)
+        except UsageError as error:
+            return Found(name, None, {}, remark=one_line(error))
+    ranges = ", ".join(f"{key}={written(low)}:{written(high)}" for key, (low, high) in family.ranges.items())
+    return Found(name, family.name, {}, remark=f"over the ranges of the file: {ranges}" if ranges else "")
+
+
+def _python(path: Path, name: str) -> Iterator[Found]:
+    """The public functions and classes of a Python file that look like BRDFs by their arguments, or make such, or ours."""
+    from brdfcheck.brdf.calling import DIRECTIONS
+    from brdfcheck.brdf.subject import USUAL_RANGES
+
+    try:
+        body = ast.parse(path.read_bytes()).body
+    except (OSError, SyntaxError, ValueError, RecursionError) as error:
+        yield Found(name, None, {}, remark=f"{type(error).__name__}: {one_line(error)}")
+        return
+
+    ours = {
+        alias.asname or alias.name
+        for node in body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "brdfcheck"
+        for alias in node.names
+    }
+
+    def makes_ours(function: ast.FunctionDef) -> bool:
+        returned = [part.value for part in ast.walk(function) if isinstance(part, ast.Return)]
+        called = [part.func for part in returned if isinstance(part, ast.Call)]
+        return any(isinstance(part, ast.Name) and part.id in ours for part in called)
+
+    def directions(function: ast.FunctionDef | ast.Lambda, skip: int = 0) -> bool:
+        names = [argument.arg.lower() for argument in function.args.args[skip : skip + 2]]
+        return len(names) == 2 and all(part in DIRECTIONS for part in names)
+
+    def parameters(function: ast.FunctionDef, skip: int) -> list[str]:
+        own = function.args.args
+        required = own[: len(own) - len(function.args.defaults)]
+        keywords = [
+            part for part, default in zip(function.args.kwonlyargs, function.args.kw_defaults, strict=True) if not default
+        ]
+        return [argument.arg for argument in (*required[skip:], *keywords)]
+
+    for node in body:
+        needed: list[str] | None = None
+        if isinstance(node, ast.FunctionDef):
+            inner = [part for part in ast.walk(node) if isinstance(part, ast.FunctionDef | ast.Lambda) and part is not node]
+            if directions(node):
+                needed = parameters(node, 2)
+            elif any(map(directions, inner)) or makes_ours(node):
+                needed = parameters(node, 0)
+        elif isinstance(node, ast.ClassDef):
+            methods = {part.name: part for part in node.body if isinstance(part, ast.FunctionDef)}
+            if any(directions(methods[method], 1) for method in (*_METHODS, "__call__") if method in methods):
+                needed = parameters(methods["__init__"], 1) if "__init__" in methods else []
+        if needed is not None and not node.name.startswith("_"):  # pyright: ignore[reportAttributeAccessIssue]
+            known = {key: USUAL_RANGES[key] for key in needed if key in USUAL_RANGES}
+            rest = tuple(key for key in needed if key not in known)
+            remark = "usual ranges: say what yours are" if known else ""
+            yield Found(name, f"{name}:{node.name}", known, rest, remark)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def draft(subjects: list[Found], prefix: str) -> str:
+    """The text of the project's file; `prefix`: "tool.brdfcheck." in a pyproject.toml, else nothing."""
+    lines = ["# What `brdfcheck check` verifies when it is given no names, and pytest as tests."]
+    lines += [f"[{prefix.rstrip('.')}]"] if prefix else []
+    lines += ['effort = "normal"    # "quick" before a commit, "thorough" before a release', ""]
+    for subject in subjects:
+        if subject.target is None:
+            continue
+        mark = "# " if subject.missing else ""
+        if subject.missing:
+            lines.append(f"# Say what {', '.join(subject.missing)} may be, and take away the signs at the left:")
+        lines.append(f"{mark}[[{prefix}subjects]]")
+        told = f"    # {subject.remark}" if subject.remark else ""
+        over = {key: f"[{written(low)}, {written(high)}]" for key, (low, high) in subject.over.items()}
+        over |= dict.fromkeys(subject.missing, "[LO, HI]")
+        if over:
+            lines.append(f"{mark}target = {json.dumps(subject.target)}")
+            pairs = ", ".join(f"{_key(key)} = {value}" for key, value in over.items())
+            lines.append(f"{mark}over = {{ {pairs} }}{told}")
+        else:
+            lines.append(f"{mark}target = {json.dumps(subject.target)}{told}")
+        lines.append("")
+    lines.append(
+        '# A violation that is accepted: expect = { violates = 1.05, reason = "..." }, or brdfcheck check --update-baseline.'
+    )
+    lines += [f"# Left out: {subject.file}: {subject.remark}" for subject in subjects if subject.target is None]
+    return "\n".join(lines) + "\n"
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)

@@ -1,0 +1,207 @@
+"""What the pytest plug-in does once a test needs it: checks, and says in words and a picture what did not pass.
+
+Everything runs in double precision whatever the process does, and leaves its settings alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import os
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
+from brdfcheck.gate.baseline import judged
+from brdfcheck.gate.cache import Verdicts
+from brdfcheck.gate.config import Gate, find, options_of
+from brdfcheck.gate.requests import Case, Request, cases, evaluated
+from brdfcheck.messages import UsageError, one_line
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.family import Family
+    from brdfcheck.verdict import Report
+
+Found = Sequence[tuple["Report", "Family | None"]]
+
+
+class Failure(AssertionError):
+    """BRDFs that did not pass, or what was wrong with the question. `command`: what repeats it, where that is known."""
+
+    def __init__(self, reports: Found, trouble: str = "", command: str | None = None):
+        super().__init__(trouble or "\n".join(str(report) for report, _ in reports))
+        self._reports, self._trouble, self._command = reports, trouble, command
+
+    def words(self, command: Sequence[str], folder: Path | None) -> str:
+        """The message: for each BRDF verdict, place, value, bar, findings, basis; the command; a picture in `folder`."""
+        from brdfcheck.verdict import words
+
+        if self._trouble:
+            return self._trouble
+        lines: list[str] = []
+        for index, (report, family) in enumerate(self._reports):
+            lines.append(f"{report.name}: {report.verdict.name} ({report.verdict.value})")
+            place = words.place_text(report)
+            lines.append(f"  largest albedo  {words.albedo_text(report)}{f' at {place}' if place else ''}")
+            if interval := words.interval_text(report):
+                lines.append(f"  exceeds 1 for   {interval}")
+            lines.append(f"  tolerance       {words.exact(report.tolerance)}")
+            lines.append(f"  rests on        {words.basis_text(report)}")
+            lines += [f"  finding         {one_line(text)}" for text in report.findings]
+            lines += [f"  note            {one_line(text)}" for text in report.notes]
+            if family is not None and folder is not None and report.basis != "none":
+                lines.append(f"  picture         {_picture(report, family, folder / f'albedo-{index}.png')}")
+        return "\n".join([*lines, f"  repeat with     {self._command or shlex.join(command)}"])
+
+
+def _picture(report: Report, family: Family, path: Path) -> str:
+    """Draw the albedo against the angle at the worst parameters into a file. Returns its name, or why there is none."""
+    from brdfcheck import plots
+    from brdfcheck.output import curves
+
+    worst: dict[str, Any] = {name: report.parameters[name] for name in family.ranges if name in report.parameters}
+    try:
+        with _double(), contextlib.redirect_stdout(None):
+            curve = curves.albedo_vs_angle(family, samples=65, **worst)
+            plots.save(plots.figure("albedo-vs-angle", [curve], title=f"{report.name}: {report.verdict.name}"), path)
+    except Exception as error:  # a picture is no reason to fail in another way
+        return f"none: {type(error).__name__}: {one_line(error)}"
+    return str(path)
+
+
+def _double() -> contextlib.AbstractContextManager[object]:
+    from brdfcheck.runtime import double_precision
+
+    return double_precision()
+
+
+class Checker:
+    """What the fixture gives. `told`: runs something, and words its failure for pytest."""
+
+    def __init__(self, told: Callable[[Callable[[], Any]], Any]):
+        self._told = told
+
+    def check(self, brdf: Any, **options: Any) -> Report:
+        """`brdfcheck.check`, in double precision."""
+        from brdfcheck.verdict.check import check
+
+        with _double():
+            return check(brdf, **options)
+
+    def assert_conserves(self, brdf: Any, **options: Any) -> Report:
+        """`brdfcheck.assert_conserves`: the report, or the test fails."""
+        __tracebackhide__ = True
+        return self._told(lambda: self._asserted(brdf, options))
+
+    def _asserted(self, brdf: Any, options: Mapping[str, Any]) -> Report:
+        from brdfcheck.brdf.subject import as_target
+
+        others = {"cos_theta", "tolerance", "rtol", "intervals", "effort", "watch"}
+        ranges = {name: value for name, value in options.items() if name not in others}
+        with _double():
+            target = as_target(brdf, ranges, options.get("cos_theta"))
+        rest = {name: options[name] for name in options.keys() & others - {"cos_theta"}}
+        report = self.check(target, **rest)
+        if not report.passed:
+            raise Failure([(report, target.family)])
+        return report
+
+
+def marked(
+    function: Callable[..., Any], arguments: Mapping[str, Any], positional: Sequence[Any], given: Mapping[str, Any]
+) -> None:
+    """Check what a marked function returns, or the family that it is. `arguments`: values of its fixtures. Failure."""
+    from brdfcheck.brdf.subject import as_target, resolve, signature_of
+    from brdfcheck.brdf.values import by_value
+
+    name = getattr(function, "__name__", "the function")
+    try:
+        if positional:
+            raise UsageError(f'{name}: pytest.mark.brdf takes keywords, as in over={{"n": (1, 100)}}')
+        options = options_of(given, f"{name}: pytest.mark.brdf")
+        ranges = options.ranges()
+        reading = options.reading.reading(name)
+        how = None if reading.is_plain else reading
+        names = [part for part in inspect.signature(function).parameters if part in arguments]
+        own = {part for part in names if part in options.over or part in options.hold}
+        fixtures = {part: arguments[part] for part in names if part not in own}
+        with _double():
+            if own:
+                value: Any = functools.partial(function, **fixtures)
+                value.__name__ = name
+            else:
+                value = function(**fixtures)
+            if value is None:
+                raise UsageError(f"{name} must return a BRDF, as pytest.mark.brdf says; it returned nothing")
+            if isinstance(value, str):
+                targets = resolve([value], ranges, options.cos_theta, how)
+            else:
+                known = signature_of(value).names
+                targets = by_value(lambda one: [as_target(value, one, options.cos_theta, how)], ranges, known)
+    except (UsageError, TypeError) as error:
+        raise Failure([], one_line(error)) from error
+    expect = None if options.expect == "conserves" else options.expect
+    checking = {"tolerance": options.tolerance, "rtol": options.rtol, "effort": options.effort or "normal"}
+    request = Request((name,), ranges, expect=expect, **checking)
+    found = [Case(request, target.family.name, target.file, target.line, None, target) for target in targets]
+    _judge(request, found, None)
+
+
+def _judge(request: Request, found: Sequence[Case], verdicts: Verdicts | None, command: str | None = None) -> list[str]:
+    """What is out of date in the known violation. Failure where a case does not pass."""
+    with _double():
+        raw = [evaluated(case, lambda text: None) for case in found]
+        if verdicts is not None and all(case.report is None for case in found):
+            verdicts.keep(request, found, raw)
+    reports = [judged(report, request.expect) for report in raw]
+    bad = [(report, case) for report, case in zip(reports, found, strict=True) if not report.passed]
+    if bad:
+        families = {case.name: case.target for case in found}
+        if any(target is None for target in families.values()):
+            with _double():
+                families = {case.name: case.target for case in cases(request)}
+        wanted = [(report, target.family if (target := families.get(case.name)) else None) for report, case in bad]
+        raise Failure(wanted, command=command)
+    return [f"{report.name}: {report.notes[-1]}" for report in reports if report.stale]
+
+
+@dataclass(frozen=True)
+class Subjects:
+    """The subjects of a project: `files` are those of each file, by the name of their test."""
+
+    gate: Gate
+    files: Mapping[str, Mapping[str, Request]]
+    verdicts: Verdicts
+    folder: Path
+
+    def check(self, request: Request) -> list[str]:
+        """What is out of date in the known violation of a subject. Failure where it does not pass."""
+        with contextlib.chdir(self.folder):
+            try:
+                with _double():
+                    found = self.verdicts.found(request) or cases(request)
+            except UsageError as error:
+                raise Failure([], one_line(error)) from error
+            return _judge(request, found, self.verdicts, request.command)
+
+
+def subjects(root: Path, cache: bool) -> Subjects | None:
+    """The subjects of the project in `root`. UsageError where its file is wrong."""
+    gate = find(root)
+    if gate is None:
+        return None
+    files: dict[str, dict[str, Request]] = {}
+    for request in gate.requests():
+        (target,) = request.names
+        path, name = (str(gate.path), target)
+        if is_file_spec(target) and not target.startswith(PREFIXES):
+            path, part = split_spec(target)
+            name = part or Path(path).stem
+        own = files.setdefault(os.path.realpath(path), {})
+        count = sum(other.partition(" #")[0] == name for other in own)
+        own[f"{name} #{count + 1}" if count else name] = request
+    return Subjects(gate, files, Verdicts(cache and gate.document.cache), Path.cwd())

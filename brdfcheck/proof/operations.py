@@ -1,0 +1,167 @@
+"""The operations of a program on enclosures: one row for each primitive of JAX that is covered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from brdfcheck.proof import enclosures as e
+from brdfcheck.proof.enclosures import Enclosed, Truth
+from brdfcheck.proof.programs import Program, Step
+
+Value = Enclosed | Truth
+
+
+def _truth(value: Value) -> Truth:
+    """A condition; a number that stands for one is 0 or 1."""
+    if isinstance(value, Truth):
+        return value
+    return Truth(value.ends[0] != 0, value.ends[0] == 0)
+
+
+def _and(a: Value, b: Value) -> Truth:
+    a, b = _truth(a), _truth(b)
+    return Truth(a.may_hold & b.may_hold, a.may_fail | b.may_fail)
+
+
+def _not(a: Value) -> Truth:
+    a = _truth(a)
+    return Truth(a.may_fail, a.may_hold)
+
+
+def _equal(a: Value, b: Value) -> Truth:
+    if isinstance(a, Truth) or isinstance(b, Truth):
+        a, b = _truth(a), _truth(b)
+        both = (a.may_hold & b.may_hold) | (a.may_fail & b.may_fail)
+        return Truth(both, (a.may_hold & b.may_fail) | (a.may_fail & b.may_hold))
+    if a is b and a.undefined is None:  # x == x asks for NaN
+        return Truth(np.full(a.ends[0].shape, True), np.full(a.ends[0].shape, False))
+    return _and(e.less(a, b, equal=True), e.less(b, a, equal=True))
+
+
+def _number(value: Value) -> Enclosed:
+    """A condition as a number: 1 or 0."""
+    return e.select(value, e.point(1.0), e.point(0.0)) if isinstance(value, Truth) else value
+
+
+def _finite(a: Enclosed) -> Truth:
+    sure = np.isfinite(a.ends[0]) & np.isfinite(a.ends[1])
+    if a.undefined is not None:
+        sure = sure & ~a.undefined
+    return Truth(np.full(sure.shape, True), ~sure)
+
+
+def _clamp(low: Enclosed, x: Enclosed, high: Enclosed) -> Enclosed:
+    return e.minimum(e.maximum(x, low), high)
+
+
+def _away(x: np.ndarray) -> np.ndarray:
+    """The nearest whole numbers, halves away from 0."""
+    whole = np.trunc(x)
+    return whole + np.where(np.abs(x - whole) >= 0.5, np.sign(x), 0)
+
+
+def _rounded(a: Enclosed, rounding_method: Any) -> Enclosed:
+    return e.steps(np.rint if int(rounding_method) == 1 else _away, a)
+
+
+_LOG2 = np.log(2.0)
+
+
+def _scaled(a: Enclosed, low: float, high: float) -> Enclosed:
+    return e.multiply(a, Enclosed((np.array([[low]]), np.array([[high]]))))
+
+
+_ONE = e.point(1.0)
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "add": e.plus,
+    "add_any": e.plus,
+    "sub": lambda a, b: e.plus(a, e.minus(b)),
+    "mul": e.multiply,
+    "div": lambda a, b: e.multiply(a, e.reciprocal(b)),
+    "neg": e.minus,
+    "max": e.maximum,
+    "min": e.minimum,
+    "abs": e.absolute,
+    "exp": e.exp,
+    "exp2": lambda a: e.exp(_scaled(a, np.nextafter(_LOG2, 0), np.nextafter(_LOG2, 1))),
+    "expm1": lambda a: e.plus(e.exp(a), e.point(-1.0)),
+    "log": e.log,
+    "log1p": lambda a: e.log(e.plus(a, _ONE)),
+    "sqrt": e.sqrt,
+    "rsqrt": lambda a: e.reciprocal(e.sqrt(a)),
+    "sin": e.sin,
+    "cos": e.cos,
+    "tan": lambda a: e.multiply(e.sin(a), e.reciprocal(e.cos(a))),
+    "asin": e.arcsin,
+    "acos": e.arccos,
+    "atan": e.arctan,
+    "tanh": e.tanh,
+    "logistic": lambda a: e.reciprocal(e.plus(_ONE, e.exp(e.minus(a)))),
+    "erf": e.erf,
+    "erfc": lambda a: e.plus(_ONE, e.minus(e.erf(a))),
+    "square": lambda a: e.multiply(a, a),
+    "integer_pow": lambda a, y: e.integer_power(a, y),
+    "pow": e.power,
+    "clamp": _clamp,
+    "sign": lambda a: e.steps(np.sign, a),
+    "floor": lambda a: e.steps(np.floor, a),
+    "ceil": lambda a: e.steps(np.ceil, a),
+    "round": _rounded,
+    "lt": e.less,
+    "le": lambda a, b: e.less(a, b, equal=True),
+    "gt": lambda a, b: e.less(b, a),
+    "ge": lambda a, b: e.less(b, a, equal=True),
+    "eq": _equal,
+    "ne": lambda a, b: _not(_equal(a, b)),
+    "and": _and,
+    "or": lambda a, b: _not(_and(_not(a), _not(b))),
+    "not": _not,
+    "xor": lambda a, b: _not(_equal(_truth(a), _truth(b))),
+    "is_finite": _finite,
+    "select_n": lambda condition, no, yes: (
+        e.select(_truth(condition), _number(yes), _number(no))
+        if not (isinstance(yes, Truth) or isinstance(no, Truth))
+        else _not(_and(_not(_and(condition, yes)), _not(_and(_not(condition), no))))
+    ),
+    "convert_element_type": lambda a: _number(a),
+}
+COVERED = frozenset(OPERATIONS)
+_KEPT = frozenset(("y", "rounding_method"))
+
+
+def _apply(step: Step, arguments: list[Value]) -> Value:
+    return OPERATIONS[step.name](*arguments, **{key: value for key, value in step.parameters.items() if key in _KEPT})
+
+
+def _take(parts: list[Value], places: np.ndarray) -> Value:
+    truths = [part for part in parts if isinstance(part, Truth)]
+    if len(truths) == len(parts):
+        sides = [part.may_hold for part in truths], [part.may_fail for part in truths]
+        hold, fail = (e.take([Enclosed((x, x)) for x in side], places).ends[0] for side in sides)
+        return Truth(hold, fail)
+    return e.take([_number(part) for part in parts], places)
+
+
+def evaluate(
+    program: Program, units: Mapping[int, np.ndarray], wi: Enclosed, wo: Enclosed, parameters: Sequence[Enclosed]
+) -> Enclosed:
+    """The enclosure of a program's result on boxes of directions and parameters.
+
+    `units`: for steps by their results, which numbers are known to lie in [-1, 1] (`quotients`).
+    """
+
+    def apply(step: Step, arguments: list[Value]) -> Value:
+        found = _apply(step, arguments)
+        known = units.get(step.out)
+        if known is None or not isinstance(found, Enclosed):
+            return found
+        low, high = found.ends
+        mask = known[:, None]
+        return replace(found, ends=(np.where(mask, np.clip(low, -1, 1), low), np.where(mask, np.clip(high, -1, 1), high)))
+
+    with np.errstate(all="ignore"):
+        return _number(program.run([wi, wo, *parameters], e.point, _take, apply))

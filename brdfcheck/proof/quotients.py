@@ -1,0 +1,108 @@
+r"""Components of normalised vectors, which interval arithmetic does not know to be at most 1 where the length may be 0.
+
+x/b is in [-1, 1] wherever it is defined if $b \ge \sqrt{x^2 + \dots}$ with nothing but squares and numbers that are not
+negative under the root. The terms of a program are compared as terms: nothing is sampled.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from brdfcheck.proof.programs import Program, Step
+
+Term = tuple[Any, ...]
+
+
+class _Terms:
+    """Terms for `Program.run`; equal terms are the same number."""
+
+    def __init__(self) -> None:
+        self.terms: list[Term] = []
+        self._known: dict[Term, int] = {}
+        self.bounded: dict[int, np.ndarray] = {}
+
+    def term(self, *of: Any) -> int:
+        if of not in self._known:
+            self._known[of] = len(self.terms)
+            self.terms.append(of)
+        return self._known[of]
+
+    def constant(self, value: np.ndarray) -> list[int]:
+        return [self.term("number", float(x)) for x in value]
+
+    def take(self, parts: list[list[int]], places: np.ndarray) -> list[int]:
+        together = [term for part in parts for term in part]
+        return [together[place] for place in places]
+
+    def apply(self, step: Step, arguments: list[list[int]]) -> list[int]:
+        size = max(map(len, arguments))
+        rows = list(zip(*(part if len(part) == size else part * size for part in arguments), strict=True))
+        if step.name in ("div", "mul"):
+            bounded = np.array([self._is_unit(step.name, *row) for row in rows])
+            if bounded.any():
+                self.bounded[step.out] = bounded
+        return [self._made(step, row) for row in rows]
+
+    def _made(self, step: Step, row: tuple[int, ...]) -> int:
+        is_square = step.name == "square" or (step.name == "integer_pow" and step.parameters.get("y") == 2)
+        if is_square or (step.name == "mul" and row[0] == row[1]):
+            return self.term("square", row[0])
+        return self.term(step.name, str(step.parameters) if step.name not in ("add", "mul", "max") else "", *row)
+
+    def _is_unit(self, name: str, a: int, b: int) -> bool:
+        if name == "div":
+            return self._exceeds(b, a)
+        return any(self._holds_length(part, other) for part, other in ((a, b), (b, a)))
+
+    def _holds_length(self, part: int, x: int) -> bool:
+        """Is `part` the inverse of something that is at least |x|?"""
+        name, *of = self.terms[part]
+        if name == "rsqrt":
+            return self._holds_square(of[-1], x)
+        return name == "div" and self.terms[of[-2]] == ("number", 1.0) and self._exceeds(of[-1], x)
+
+    def _exceeds(self, bound: int, x: int) -> bool:
+        """Is `bound` at least |x|, wherever both are defined?"""
+        name, *parts = self.terms[bound]
+        if name == "sqrt":
+            return self._holds_square(parts[-1], x)
+        if name == "max":
+            return any(self._exceeds(part, x) for part in parts[1:])
+        if name == "add":
+            a, b = parts[1:]
+            return (self._exceeds(a, x) and self._never_negative(b)) or (self._exceeds(b, x) and self._never_negative(a))
+        return False
+
+    def _holds_square(self, total: int, x: int) -> bool:
+        """Is `total` at least x^2?"""
+        name, *parts = self.terms[total]
+        if name == "square":
+            return parts[0] == x
+        if name == "max":
+            return any(self._holds_square(part, x) for part in parts[1:])
+        if name == "add":
+            a, b = parts[1:]
+            return (self._holds_square(a, x) and self._never_negative(b)) or (
+                self._holds_square(b, x) and self._never_negative(a)
+            )
+        return False
+
+    def _never_negative(self, of: int) -> bool:
+        name, *parts = self.terms[of]
+        if name == "number":
+            return parts[0] >= 0
+        if name in ("square", "abs", "exp", "sqrt"):
+            return True
+        if name == "max":
+            return any(map(self._never_negative, parts[1:]))
+        return name == "add" and all(map(self._never_negative, parts[1:]))
+
+
+def unit_quotients(program: Program) -> dict[int, np.ndarray]:
+    """For steps of which some numbers are in [-1, 1] wherever they are defined: which of them."""
+    terms = _Terms()
+    inputs = [[terms.term("input", i, j) for j in range(3 if i < 2 else 1)] for i in range(2 + len(program.names))]
+    program.run(inputs, terms.constant, terms.take, terms.apply)
+    return terms.bounded

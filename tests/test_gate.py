@@ -1,0 +1,338 @@
+"""The subjects of a project: its file, known violations, a first draft."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import projects
+import pytest
+from projects import GATE, MINE, Run, Write
+
+from brdfcheck.cli import ExitCode
+from brdfcheck.gate import config
+from brdfcheck.gate.baseline import judged, needed, updated
+from brdfcheck.gate.config import Known
+from brdfcheck.messages import UsageError
+
+write, reports = projects.write, projects.reports
+
+# --- the file ---
+
+
+def test_the_subjects_are_checked_where_no_name_is_given(run: Run, write: Write, here: Path) -> None:
+    write("brdfcheck.toml", GATE)
+    code, out, _ = run("check", "--json", "found.json")
+    assert code == ExitCode.FAILED
+    found = json.loads((here / "found.json").read_text())
+    assert [result["name"] for result in found["results"]] == [
+        "mine.py:matt k=0.25", "mine.py:matt k=1", "mine.py:bright", "lambert",
+    ]  # fmt: skip
+    assert [float(result["albedo"]) for result in found["results"]] == pytest.approx([0.125, 0.5, 1.05, 1.0])
+    assert {result["effort"] for result in found["results"]} == {"quick"}
+    assert [(result.get("file"), result.get("line")) for result in found["results"]] == [
+        ("mine.py", 5), ("mine.py", 5), ("mine.py", 8), (None, None),
+    ]  # fmt: skip
+    assert "3 conserve, 1 violates" in out
+    assert run("check", "-k", "matt")[0] == ExitCode.PASSED
+    code, out, _ = run("check", "--no-config", "-k", "lambert")
+    assert code == ExitCode.PASSED
+    assert "1 conserves" in out
+
+
+def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write("pyproject.toml", '[project]\nname = "x"\n')
+    write("deep/er/x", "")
+    monkeypatch.chdir(here / "deep" / "er")
+    (here / ".git").mkdir()
+    assert config.find() is None
+    write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "mine.py:bright"\n')
+    found = config.find()
+    assert found is not None
+    assert found.requests()[0].names == (os.path.join("..", "..", "mine.py:bright"),)
+    (here / "deep" / ".git").mkdir()
+    assert config.find() is None
+
+
+def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
+    write(
+        "brdfcheck.toml",
+        """
+        tolerance = 1e-6
+        [[subjects]]
+        target = "a/shader.glsl:f"
+        over = { n = [1, 5] }
+        hold = { ks = [1, 0.5, 0.2], on = true, m = 3 }
+        cos_theta = [0.1, 1]
+        effort = "thorough"
+        reading = { returns = "brdf*cos", args = "N,L,V", folders = ["inc"] }
+        """,
+    )
+    found = config.find()
+    assert found is not None
+    (request,) = found.requests(tolerance=1e-3)
+    ranges = {"n": (1, 5), "ks.r": (1, 1), "ks.g": (0.5, 0.5), "ks.b": (0.2, 0.2), "on": (1, 1), "m": (3, 3)}
+    assert dict(request.over) == ranges
+    assert (request.tolerance, request.effort, request.cos_theta) == (1e-3, "thorough", (0.1, 1))
+    assert found.requests()[0].tolerance == 1e-6
+    assert request.command == (
+        "brdfcheck check a/shader.glsl:f --over n=1:5 --over ks.r=1 --over ks.g=0.5 --over ks.b=0.2 --over on=1 --over m=3"
+        " --cos-theta 0.1:1 -I inc --args N,L,V --returns 'brdf*cos' --tolerance 0.001 --effort thorough"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "subjects: is missing"),
+        ("subjects = []", "subjects: must have at least 1 entries"),
+        ('[[subjects]]\ntarget = "a.py:f"\novr = {}', "unknown key 'ovr'; did you mean over?"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [3, 1] }', "n: LO must not exceed HI"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, 3] }\nhold = { n = 1 }', "n is both in over and in hold"),
+        ('[[subjects]]\ntarget = "a.py:f"\ncos_theta = [0, 2]', "must run within 0 and 1"),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = 1.1 }', "reason: is missing"),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { reason = "so" }', "must say what is accepted"),
+        ('[[subjects]]\ntarget = "a.py:f"\neffort = "slow"', "must be one of 'quick', 'normal' or 'thorough'; got 'slow'"),
+        ('[[subjects]]\ntarget = "gone.py:f"', "there is no file 'gone.py'"),
+        ('[[subjects]]\ntarget = "mine.py:matt"', "the parameter k must be given a range"),
+        ("][", "is not TOML"),
+    ],
+)
+def test_4_with_one_line_for_what_is_wrong(run: Run, write: Write, text: str, said: str) -> None:
+    write("brdfcheck.toml", text)
+    code, out, err = run("check")
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert said in err
+    assert err.startswith("brdfcheck: brdfcheck.toml")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--over", "n=1"], "--over: without names the subjects of brdfcheck.toml are checked"),
+        (["--config", "brdfcheck.toml", "--no-config"], "cannot go together"),
+        (["lambert", "--config", "brdfcheck.toml"], "give no names"),
+        (["lambert", "--update-baseline"], "give no names"),
+        (["--no-config", "--update-baseline"], "there is none"),
+        (["--config", "gone.toml"], "there is no file 'gone.toml'"),
+        (["--no-config", "--watch"], "are in no file"),
+    ],
+)
+def test_4_for_options_that_do_not_go_together(run: Run, write: Write, words: list[str], said: str) -> None:
+    write("brdfcheck.toml", GATE)
+    code, _, err = run("check", *words)
+    assert code == ExitCode.USAGE_ERROR
+    assert said in err
+
+
+# --- lists and whole files ---
+
+
+def test_a_list_of_values_and_a_whole_file(run: Run, write: Write, here: Path) -> None:
+    code, _, _ = run("check", "mine.py:*", "--over", "k=0.5,1,2", "--effort", "quick", "--json", "found.json")
+    assert code == ExitCode.FAILED
+    names = [result["name"] for result in json.loads((here / "found.json").read_text())["results"]]
+    assert names == ["mine.py:matt k=0.5", "mine.py:bright", "mine.py:matt k=1", "mine.py:matt k=2"]
+    write("mine.py", MINE + '    __all__ = ["matt"]\n')
+    assert "bright" not in run("check", "mine.py:*", "--over", "k=1")[1]
+    write("none.py", "x = 3\n")
+    assert "none.py:*: it defines no public callable" in run("check", "none.py:*")[2]
+    assert "only Python files are taken whole" in run("check", "none.glsl:*")[2]
+
+
+def test_a_list_for_a_vector_is_its_components(run: Run, write: Write, here: Path) -> None:
+    write("flat.glsl", "uniform vec3 ks; uniform float n;\nvec3 f(vec3 L, vec3 V) { return ks * n / 3.141592653589793; }\n")
+    words = ("--over", "ks=0.3,0.2,0.1", "--over", "n=1,2", "--effort", "quick", "--json", "found.json")
+    assert run("check", "flat.glsl:f", *words)[0] == ExitCode.PASSED
+    found = json.loads((here / "found.json").read_text())["results"]
+    assert [(result["name"], round(result["albedo"], 9)) for result in found] == [
+        ("flat.glsl:f n=1", 0.3),
+        ("flat.glsl:f n=2", 0.6),
+    ]
+    assert "ks: a vector has at most 4 components; got 5" in run("check", "flat.glsl:f", "--over", "ks=1,1,1,1,1")[2]
+
+
+def test_a_class_of_this_package_has_an_origin(run: Run, here: Path) -> None:
+    assert run("check", "Lambert", "--over", "reflectance=0.5,1", "--json", "found.json")[0] == ExitCode.PASSED
+    found = json.loads((here / "found.json").read_text())["results"]
+    assert [result["origin"] for result in found] == ["name", "name"]
+
+
+def test_quiet_says_only_what_does_not_pass(run: Run, write: Write) -> None:
+    write("brdfcheck.toml", GATE)
+    assert run("check", "-q", "-k", "matt") == (ExitCode.PASSED, "", "")
+    code, out, err = run("check", "--quiet")
+    assert code == ExitCode.FAILED
+    assert err == ""
+    assert [line.split()[0] for line in out.splitlines()] == ["mine.py:bright", "3"]
+
+
+# --- known violations ---
+
+
+def known(**given: Any) -> Known:
+    return Known(**given, reason="so it is")
+
+
+def test_a_known_violation_passes_until_it_is_worse_or_gone(reports: dict[str, Any]) -> None:
+    bright, matt = reports["bright"], reports["matt"]
+    assert not judged(bright, None).passed
+    same = judged(bright, known(violates=1.05))
+    assert same.passed
+    assert (same.known, same.stale) == ("so it is", False)
+    worse = judged(bright, known(violates=1.04))
+    assert not worse.passed
+    assert "does not cover an albedo of 1.05 (known: 1.04)" in worse.notes[-1]
+    less = judged(bright, known(violates=1.06))
+    assert less.passed
+    assert less.stale
+    assert "smaller: its largest albedo is 1.05 (known: 1.06)" in less.notes[-1]
+    gone = judged(matt, known(violates=1.05))
+    assert gone.passed
+    assert (gone.known, gone.stale) == (None, True)
+    assert "the known violation is gone: it conserves energy" in gone.notes[-1]
+    assert not judged(replace(bright, basis="none"), known(violates=2.0)).passed
+
+
+def test_known_findings_are_known_by_their_names(reports: dict[str, Any]) -> None:
+    report = reports["one_way"]
+    assert [check.name for check in report.checks if not check.passed] == ["reciprocal"]
+    assert not judged(report, known(violates=100.0)).passed
+    assert judged(report, known(violates=100.0, findings=["reciprocal"])).passed
+    extra = judged(report, known(violates=100.0, findings=["reciprocal", "positive"]))
+    assert extra.passed
+    assert "no finding 'positive'" in extra.notes[-1]
+
+
+def test_the_baseline_is_written_and_taken_away(run: Run, write: Write, here: Path) -> None:
+    path = write("brdfcheck.toml", GATE)
+    before = path.read_text()
+    code, out, _ = run("check", "--update-baseline")
+    assert code == ExitCode.PASSED
+    assert "brdfcheck.toml: 1 known, 1 changed" in out
+    found = tomllib.loads(path.read_text())["subjects"][1]["expect"]
+    assert found["violates"] == pytest.approx(1.05, abs=1e-9)
+    assert found["violates"] >= 1.05
+    (line,) = [line for line in path.read_text().splitlines() if line.startswith("expect")]
+    assert path.read_text().replace(line + "\n", "") == before
+    path.write_text(path.read_text().replace(found["reason"], "old scenes"))
+    code, out, _ = run("check")
+    assert code == ExitCode.PASSED
+    assert "known: old scenes" in out
+    assert "1 violates, 0 undecided, 1 known" in out
+    write("mine.py", MINE.replace("1.05", "0.95"))
+    code, out, _ = run("check", "-q")
+    assert code == ExitCode.PASSED
+    assert "the known violation is gone" in out
+    assert "1 baseline entry out of date" in out
+    assert run("check", "--update-baseline")[0] == ExitCode.PASSED
+    assert path.read_text() == before
+
+
+def test_a_stale_entry_is_a_warning_on_github(run: Run, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    write("brdfcheck.toml", '[[subjects]]\ntarget = "mine.py:bright"\nexpect = { violates = 2, reason = "so" }\n')
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    code, out, _ = run("check")
+    assert code == ExitCode.PASSED
+    assert "::warning file=mine.py,line=8,title=brdfcheck%3A mine.py%3Abright::the known violation is smaller" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ('x = """\n[[subjects]]\n"""\n', ""),
+        ('subjects = [{ target = "lambert" }, { target = "phong" }]\n', "lambert"),
+    ],
+)
+def test_a_file_that_cannot_be_edited_is_left_alone(write: Write, text: str, name: str) -> None:
+    path = write("pyproject.toml", f"[tool.brdfcheck]\n{text}" if name else f'{text}[[tool.brdfcheck.subjects]]\ntarget="a"\n')
+    gate = config.read(path)
+    assert gate is not None
+    if name:
+        with pytest.raises(UsageError, match=f"change the subjects yourself, of {name}: expect = {{ violates = 1.5, reason"):
+            updated(gate, {0: known(violates=1.5)})
+    else:
+        assert tomllib.loads(updated(gate, {0: known(violates=1.5)}))["x"] == "[[subjects]]\n"
+
+
+def test_what_is_needed_holds_every_report_of_a_subject(reports: dict[str, Any]) -> None:
+    found = needed(list(reports.values()), None)
+    assert found is not None
+    assert found.violates == pytest.approx(reports["one_way"].albedo)
+    assert found.findings == ["reciprocal"]
+    assert needed([reports["matt"]], found) is None
+    assert needed([reports["bright"]], known(violates=3)).reason == "so it is"  # pyright: ignore[reportOptionalMemberAccess]
+    for report in reports.values():
+        assert judged(report, found).passed
+
+
+# --- init ---
+
+LOOKS = """
+    import not_there
+    class Matt:
+        def __init__(self, albedo):
+            self.albedo = albedo
+        def eval(self, wi, wo):
+            return self.albedo
+    def plain(wi, wo, n, gain=1):
+        return 0
+    def factory(alpha, *, k):
+        return lambda light, view: alpha
+    def help(x):
+        return x
+    def _hidden(wi, wo):
+        return 0
+    """
+
+
+def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here: Path) -> None:
+    write("looks.py", LOOKS)
+    write("mine.py", "raise SystemExit('was run')\ndef f(wi, wo):\n    return 0.25 + 0 * wi[..., 2]\n")
+    write("sub/half.glsl", "uniform float k = 0.5; vec3 half_(vec3 L, vec3 V) { return vec3(k / 3.1415926); }\n")
+    write("sub/helper.glsl", "float h(float x) { return x; }\n")
+    write(".venv/lib/bad.py", "def f(wi, wo): return 0\n")
+    write("env/pyvenv.cfg", "")
+    write("env/bad.py", "def f(wi, wo): return 0\n")
+    write("test_bad.py", "def f(wi, wo): return 0\n")
+    code, shown, err = run("init", "--dry-run")
+    assert code == ExitCode.PASSED
+    assert not (here / "brdfcheck.toml").exists()
+    assert "would write brdfcheck.toml: 5 BRDFs, 2 of which without their ranges" in err
+    assert run("init")[0] == ExitCode.PASSED
+    text = (here / "brdfcheck.toml").read_text()
+    assert text == shown
+    assert "bad" not in text
+    assert "# Left out: sub/helper.glsl: " in text
+    found = tomllib.loads(text)
+    assert [subject["target"] for subject in found["subjects"]] == ["looks.py:plain", "mine.py:f", "sub/half.glsl:half_"]
+    assert found["subjects"][0]["over"] == {"n": [1, 1000]}
+    code, _, err = run("init")
+    assert code == ExitCode.USAGE_ERROR
+    assert "brdfcheck.toml lists the BRDFs of this folder already" in err
+    # The lines that lack a range are as they are meant once they have one.
+    lines = text.replace("[LO, HI]", "[0, 1]").splitlines()
+    told = ("# Say", "# What", "# A vio", "# brdf", "# L")
+    whole = "\n".join(line.removeprefix("# ") for line in lines if not line.startswith(told))
+    assert [subject["target"] for subject in tomllib.loads(whole)["subjects"]][:3] == [
+        "looks.py:Matt", "looks.py:plain", "looks.py:factory",
+    ]  # fmt: skip
+    assert tomllib.loads(whole)["subjects"][2]["over"] == {"alpha": [0.05, 1], "k": [0, 1]}
+
+
+def test_init_adds_to_a_pyproject(run: Run, write: Write, here: Path) -> None:
+    path = write("pyproject.toml", '[project]\nname = "x"  # kept')
+    assert run("init")[0] == ExitCode.PASSED
+    assert path.read_text().startswith('[project]\nname = "x"  # kept\n\n#')
+    found = config.find()
+    assert found is not None
+    assert [subject.target for subject in found.document.subjects] == ["mine.py:bright"]
+    assert "pyproject.toml lists the BRDFs" in run("init")[2]
+    for name in ("mine.py", "gray_of_mine.py", "pyproject.toml"):
+        (here / name).unlink()
+    assert run("init")[0] == ExitCode.NOTHING_TO_CHECK

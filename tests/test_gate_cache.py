@@ -1,0 +1,253 @@
+"""On which files a verdict depends, the cache of verdicts, and checking again when a file is saved."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import projects
+import pytest
+from projects import GATE, MINE, Run, Write, forget
+
+import brdfcheck
+from brdfcheck.brdf import catalog
+from brdfcheck.cli import ExitCode, project
+from brdfcheck.gate import cache, sources
+from brdfcheck.gate.requests import Case, Request, cases
+from brdfcheck.output.records import plain
+
+write, kept, reports = projects.write, projects.kept, projects.reports
+
+# --- sources ---
+
+
+def doubt(text: str, write: Write) -> str:
+    write("other.py", text)
+    try:
+        sources.sources(["other.py:f"])
+    except sources.Doubt as found:
+        return str(found)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("import math, numpy as np\nfrom jax import numpy as jnp\nx = np.pi", ""),
+        ("from gray_of_mine import GRAY", ""),
+        ("import os", "imports os"),
+        ("def f():\n    import random", "random"),
+        ("import numpy as np\nx = np.random.rand()", "uses random"),
+        ("import numpy as np\nx = np.load('lut.npy')", "uses load"),
+        ("from numpy import load as get", "uses load"),
+        ("x = open('lut.txt')", "uses open"),
+        ("import jax\njax.config.update('jax_debug_nans', True)", "uses config"),
+        ("x = exec", "uses exec"),
+        ("import my_installed_package", "imports my_installed_package, which is not beside it"),
+        ("def f(:", "is not Python"),
+    ],
+)
+def test_a_file_that_reaches_further_is_in_doubt(write: Write, text: str, said: str) -> None:
+    found = doubt(text, write)
+    assert said in found
+    assert bool(said) == bool(found)
+
+
+def test_neighbours_count_to_any_depth(write: Write, here: Path) -> None:
+    write("pkg_of_mine/__init__.py", "from .deep import x\n")
+    write("pkg_of_mine/deep.py", "from last_of_mine import x\n")
+    write("last_of_mine.py", "x = 1\n")
+    write("other.py", "import pkg_of_mine\n")
+    assert set(sources.sources(["other.py:f"])) == {
+        "other.py", "pkg_of_mine/__init__.py", "pkg_of_mine/deep.py", "last_of_mine.py",
+    }  # fmt: skip
+    write("last_of_mine.py", "import time\n")
+    with pytest.raises(sources.Doubt, match="imports time"):
+        sources.sources(["other.py:f"])
+
+
+def test_includes_count_and_those_by_macros_are_in_doubt(write: Write) -> None:
+    write("s.glsl", '#include "a.inc"\n#if 0\n  #  include <b.inc>\n#endif\n')
+    write("a.inc", "float x;\n")
+    write("inc/b.inc", '#include "c.inc"\n')
+    write("inc/c.inc", "float y;\n")
+    found = sources.sources(["s.glsl:f"], ["inc"])
+    assert {path.name for path in found.values()} == {"s.glsl", "a.inc", "b.inc", "c.inc"}
+    with pytest.raises(sources.Doubt, match=r"b\.inc, which is not there"):
+        sources.sources(["s.glsl:f"])
+    write("s.glsl", "#define A <b.inc>\n#include A\n")
+    with pytest.raises(sources.Doubt, match="depends on macros"):
+        sources.sources(["s.glsl:f"], ["inc"])
+    with pytest.raises(sources.Doubt, match="Mitsuba"):
+        sources.sources(["mitsuba:principled"])
+
+
+# --- the cache ---
+
+
+def test_what_has_not_changed_is_not_checked_again(
+    run: Run, write: Write, kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write("brdfcheck.toml", GATE)
+    first = run("check", "--json", "-")[1]
+    assert len(kept()) == 3
+    counted: list[str] = []
+    module = importlib.import_module("brdfcheck.verdict.check")
+    original = module.check_family
+
+    def counting(family: Any, **options: Any) -> Any:
+        counted.append(family.name)
+        return original(family, **options)
+
+    monkeypatch.setattr(module, "check_family", counting)
+    second = run("check", "--json", "-")[1]
+    assert counted == []
+    one, two = json.loads(first), json.loads(second)
+    assert [result.pop("cached") for result in two["results"]] == [True] * 4
+    assert [result.pop("cached") for result in one["results"]] == [False] * 4
+    assert one["results"] == two["results"]
+    # A neighbour counts: both BRDFs of mine.py are checked again, and that of the catalogue is not.
+    write("gray_of_mine.py", "GRAY = 0.75\n")
+    forget("gray_of_mine")
+    out = run("check")[1]
+    assert sorted(counted) == ["mine.py:bright", "mine.py:matt k=0.25", "mine.py:matt k=1"]
+    assert "1 of 4 from the cache" in out
+    assert "albedo 0.7500000000" in out
+    for words in (["--no-cache"], ["--tolerance", "1e-6"], ["--effort", "normal"]):
+        counted.clear()
+        run("check", "-k", "bright", *words)
+        assert counted == ["mine.py:bright"], words
+    counted.clear()
+    monkeypatch.setenv(cache.SWITCH, "0")
+    run("check", "-k", "bright")
+    assert counted == ["mine.py:bright"]
+
+
+def test_an_entry_that_is_damaged_costs_time_only(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
+    assert run("check", "lambert")[0] == ExitCode.PASSED
+    (entry,) = kept()
+    for damage in ("albino", "{"):
+        entry.write_text(entry.read_text().replace("albedo", damage))
+        code, out, _ = run("check", "lambert")
+        assert code == ExitCode.PASSED
+        assert "cache" not in out
+    assert "all from the cache" in run("check", "lambert")[1]
+
+
+def test_what_cannot_be_told_is_not_kept(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
+    write("timed.py", "import time\nfrom brdfcheck import Lambert\ndef f():\n    return Lambert(time.time() % 0.5)\n")
+    write("raises.py", "def f(wi, wo):\n    raise RuntimeError('no')\n")
+    run("check", "timed.py:f", "raises.py:f", "--effort", "quick")
+    assert kept() == []
+    jax.config.update("jax_numpy_dtype_promotion", "strict")
+    run("check", "lambert")
+    assert kept() == []
+
+
+def test_a_file_that_changes_while_it_is_checked_is_not_kept(
+    write: Write, kept: Callable[[], list[Path]], here: Path, reports: dict[str, Any]
+) -> None:
+    verdicts, request = cache.Verdicts(), Request(("mine.py:bright",))
+    assert verdicts.found(request) is None
+    write("mine.py", MINE.replace("1.05", "1.5"))
+    found = cases(request)
+    verdicts.keep(request, found, [reports["bright"]])
+    assert kept() == []
+    forget("gray_of_mine")
+    fresh = cache.Verdicts()
+    assert fresh.found(request) is None
+    fresh.keep(request, found, [reports["bright"]])
+    assert len(kept()) == 1
+    known_again = cache.Verdicts().found(request)
+    assert known_again is not None
+    assert plain(known_again[0].report) == plain(reports["bright"])
+    # A module that mine.py imports had been imported by somebody else before: who knows when.
+    cases(request)
+    late = cache.Verdicts()
+    kept()[0].unlink()
+    assert late.found(request) is None
+    late.keep(request, found, [reports["bright"]])
+    assert kept() == []
+
+
+def test_versions_options_and_registered_names_are_part_of_it(
+    kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch, reports: dict[str, Any]
+) -> None:
+    keys = set()
+    requests = [Request(("lambert",)), Request(("phong",)), Request(("phong",), {"n": (1.0, 2.0)})]
+    for request in requests:
+        keys.add(cache.Verdicts()._key(request)[0])
+    monkeypatch.setenv("XLA_FLAGS", "--xla_something")
+    keys.add(cache.Verdicts()._key(requests[0])[0])
+    monkeypatch.delenv("XLA_FLAGS")
+    monkeypatch.setattr(cache, "_package", lambda: "another version")
+    keys.add(cache.Verdicts()._key(requests[0])[0])
+    assert len(keys) == 5
+
+
+def test_a_name_that_was_registered_is_not_kept(
+    kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch, reports: dict[str, Any]
+) -> None:
+    entry = catalog.entry("lambert")
+    monkeypatch.setitem(catalog._CATALOG.entries, "somebody", replace(entry, family=replace(entry.family, name="somebody")))
+    verdicts = cache.Verdicts()
+    for name in ("somebody", "lambert"):
+        request = Request((name,))
+        assert verdicts.found(request) is None
+        verdicts.keep(request, [Case(request, name, None, None, name)], [reports["matt"]])
+        assert len(kept()) == (name == "lambert")
+
+
+# --- watching ---
+
+
+def test_a_file_that_is_saved_is_checked_again(write: Write, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs: list[int] = []
+    request = Request(("mine.py:bright",))
+    looks = iter([None, "gray_of_mine.py", None, "mine.py", KeyboardInterrupt])
+
+    def pause() -> None:
+        found = next(looks)
+        if found is KeyboardInterrupt:
+            raise KeyboardInterrupt
+        if isinstance(found, str):
+            write(found, (here / found).read_text() + "\n# saved\n")
+
+    with pytest.raises(KeyboardInterrupt):
+        project.again(lambda: runs.append(1), lambda: sources.watched(request.names), pause)
+    assert len(runs) == 3
+    assert "watching 2 files" in capsys.readouterr().err
+
+
+def test_watching_is_a_process_that_checks_again(write: Write, here: Path) -> None:
+    words = [sys.executable, "-m", "brdfcheck", "check", "mine.py:bright", "--effort", "quick", "--watch"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(brdfcheck.__file__).parent.parent)}
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            first = [process.stdout.readline() for _ in range(3)]
+            assert "watching 2 files" in process.stderr.readline()
+            write("mine.py", MINE.replace("1.05", "0.75"))
+            second = [process.stdout.readline() for _ in range(3)]
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == ExitCode.INTERRUPTED
+        finally:
+            process.kill()
+    assert "VIOLATES" in first[1]
+    assert "albedo 0.7500000000" in second[1]
+
+
+def test_what_is_in_doubt_is_watched_with_its_neighbours(write: Write) -> None:
+    write("doubtful.py", "import os\n")
+    assert {path.name for path in sources.watched(["doubtful.py:f"])} == {"doubtful.py", "mine.py", "gray_of_mine.py"}
+    assert sources.watched(["lambert"]) == set()

@@ -1,0 +1,253 @@
+"""Proofs about functions: what they prove, what they must not prove, and how far they say that they got."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import brdfcheck
+from brdfcheck.brdf.subject import as_family
+from brdfcheck.messages import UsageError
+from brdfcheck.proof import NotProved, Rejected, certify, verify
+from brdfcheck.proof import enclosures as e
+from brdfcheck.proof.hemisphere import Box, Cells, Hemisphere
+from brdfcheck.proof.operations import COVERED, evaluate
+from brdfcheck.proof.programs import Program, Uncovered
+from brdfcheck.proof.quotients import unit_quotients
+from brdfcheck.proof.search import Search
+from brdfcheck.proof.symmetry import symmetry
+
+SHADERS = Path(__file__).parents[1] / "studies/_instruments/shaders"
+
+
+def half(wi, wo):
+    h = wi + wo
+    return h / jnp.sqrt(jnp.sum(h * h, axis=-1, keepdims=True))
+
+
+def mirrored(wi, wo):
+    return jnp.maximum(jnp.sum(wi * jnp.array([-1.0, -1.0, 1.0]) * wo, axis=-1), 0)
+
+
+def coated(wi, wo, n, ks=0.49):
+    """Diffuse and Phong's lobe with its exact factor: the albedo at normal incidence is 0.5 + ks for every n."""
+    return 0.5 / jnp.pi + ks * (n + 2) / (2 * jnp.pi) * mirrored(wi, wo) ** n
+
+
+def blinn(wi, wo, n):
+    return (n + 8) / (8 * jnp.pi) * jnp.maximum(half(wi, wo)[..., 2], 0) ** n
+
+
+def brushed(wi, wo, k):
+    """Depends on the azimuth of the light, and on nothing else of it: E = pi k (1 + sin^2 cos 2 phi)."""
+    return k * (1 + wi[..., 0] ** 2 - wi[..., 1] ** 2) + 0 * wo[..., 2]
+
+
+def program(function, **ranges):
+    return Program(as_family(function, ranges), COVERED)
+
+
+def test_a_family_with_one_per_cent_to_spare():
+    proof = certify(coated, n=(3, 5))
+    assert proof
+    assert proof.record["range"] == {"n": ["3", "5"], "cos_theta": ["0", "1"]}
+    assert "every n from 3 to 5 at every angle of incidence" in proof.statement
+    assert len(proof.to_json()) < 10_000
+    with pytest.raises(Rejected, match="is of a program, and does not hold its boxes"):
+        verify(proof)
+
+
+@pytest.mark.slow
+def test_one_per_cent_over_a_wide_range():
+    assert certify(coated, seconds=300, n=(1, 20))
+
+
+@pytest.mark.parametrize("excess", [1e-12, 1e-9, 1e-3])
+def test_a_factor_that_is_too_large_is_not_proved(excess):
+    """By 1e-3 it is refuted; by less there is no proof, whatever the time, and the answer says what is proved."""
+
+    def false(wi, wo):
+        return coated(wi, wo, 4.0, ks=0.5 + excess)
+
+    if excess == 1e-3:
+        refuted = certify(false)
+        assert not refuted
+        assert 1 < float(refuted.record["point"]["albedo at least"]) <= 1 + excess
+        assert refuted.record["point"]["theta in degrees"] == "0"
+    else:
+        with pytest.raises(
+            NotProved, match=r"is proved to be at most [1-9][.\d]* for every angle of incidence, and at most 1 on"
+        ):
+            certify(false, seconds=1.5)
+
+
+def test_a_violation_has_an_exact_point():
+    refuted = certify(blinn, n=(1, 20))
+    point = refuted.record["point"]
+    n, least = float(point["n"]), float(point["albedo at least"])
+    exact = (n + 8) * (n + 2 ** (-n / 2)) / ((n + 2) * (n + 4))
+    assert point["theta in degrees"] == "0"
+    assert 1 < least <= exact
+    assert "VIOLATES" in str(refuted)
+
+
+def test_bounds_contain_the_albedo():
+    """At points by their closed forms; over boxes at random places in them; and what is known of it is not far off."""
+    for function, albedo in (
+        (coated, lambda n: 0.99 + 0 * n),
+        (blinn, lambda n: (n + 8) * (n + 2 ** (-n / 2)) / ((n + 2) * (n + 4))),
+    ):
+        made = program(function, n=(1, 20))
+        area = Hemisphere(made, symmetry(made))
+        cells = Cells.start(1).split(np.ones(64, bool), np.ones(64, bool))
+        for n in (1.0, 3.5, 9.0):
+            place = np.array([0.0, 0.0, n])
+            bound = area.bound(Box(place, place), cells)
+            assert bound.low <= albedo(n) <= bound.high
+            assert bound.high - bound.low < 0.7
+            wide = area.bound(Box(np.array([0.0, 0.0, n]), np.array([0.02, 0.0, 1.05 * n])), cells)
+            assert wide.high >= bound.low
+            assert all(wide.low <= albedo(m) <= wide.high for m in np.linspace(n, 1.05 * n, 7))
+    rng = np.random.default_rng(5)
+    made = program(coated, n=(1, 20))
+    area = Hemisphere(made, symmetry(made))
+    for _ in range(4):
+        tau, n = rng.uniform(0.1, 0.8), rng.uniform(1, 6)
+        bound = area.bound(Box(np.array([tau, 0.0, n]), np.array([tau + 0.05, 0.0, n + 0.5])), Cells.start(1))
+        t, m = rng.uniform(tau, tau + 0.05), rng.uniform(n, n + 0.5)
+        lobe = brdfcheck.Normalized(brdfcheck.Phong(m), brdfcheck.PhongExact())
+        value = 0.5 + 0.49 * float(brdfcheck.albedo(lobe, np.cos(t * np.pi / 2)).value)
+        assert bound.low <= value <= bound.high
+
+
+def test_programs_have_the_values_of_their_functions():
+    rng = np.random.default_rng(3)
+
+    def much(wi, wo, n):
+        h = half(wi, wo)
+        turned = jnp.stack([wo[..., 1], wo[..., 0], wo[..., 2]], axis=-1)
+        both = jnp.concatenate([wi, turned], axis=-1)
+        grey = jnp.einsum("...i,i->...", both, jnp.arange(1.0, 7.0)) + jnp.cross(wi, wo)[..., 2]
+        chosen = jnp.where((wi[..., 2] > 0.5) & ~(wo[..., 0] < 0), jnp.exp(-n * h[..., 2]), jax.nn.relu(grey))
+        return chosen + jnp.max(both, -1) + jnp.clip(jnp.arctan(n * wo[..., 0]), -0.5, 1) + jnp.linalg.norm(wi - wo, axis=-1)
+
+    made = program(much, n=(1, 9))
+    for _ in range(60):
+        wi, wo = rng.normal(size=(2, 3))
+        wi, wo, n = wi / np.linalg.norm(wi), wo / np.linalg.norm(wo), rng.uniform(1, 9)
+        found = evaluate(made, unit_quotients(made), e.point(wi), e.point(wo), [e.point(n)])
+        value = float(jax.jit(much)(jnp.array(wi[None]), jnp.array(wo[None]), n)[0])
+        assert found.ends[0].item() - 1e-6 <= value <= found.ends[1].item() + 1e-6
+        assert found.ends[1].item() - found.ends[0].item() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("function", "kind"),
+    [
+        (lambda wi, wo: coated(wi, wo, 4.0), "mirror"),
+        (lambda wi, wo: blinn(wi, wo, 4.0), "mirror"),
+        (lambda wi, wo: jnp.abs(jnp.cross(wi, wo)[..., 2] + 1), "turn"),
+        (lambda wi, wo: jnp.cross(wi, wo)[..., 2] ** 2, "mirror"),
+        (lambda wi, wo: brushed(wi, wo, 0.1), "none"),
+        (lambda wi, wo: jnp.abs(half(wi, wo)[..., 0]), "none"),
+        (lambda wi, wo: jnp.abs(jnp.sum(wi * jnp.array([1.0, 1.0 + 2**-40, 1.0]) * wo, -1)), "none"),
+    ],
+)
+def test_symmetries_are_algebra(function, kind):
+    """A difference of 2^-40 between two constants is seen."""
+    assert symmetry(program(function)) == kind
+
+
+def test_the_azimuth_of_the_light_is_a_variable_where_it_matters():
+    assert certify(brushed, k=(0, 0.14))
+    refuted = certify(brushed, k=(0, 0.2))
+    assert set(refuted.record["point"]) == {"k", "theta in degrees", "phi in degrees", "albedo at least"}
+    place = {key: float(value) for key, value in refuted.record["point"].items()}
+    theta, phi = np.radians(place["theta in degrees"]), np.radians(place["phi in degrees"])
+    exact = np.pi * place["k"] * (1 + np.sin(theta) ** 2 * np.cos(2 * phi))
+    assert 1 < place["albedo at least"] <= exact
+
+
+def test_normalised_vectors_are_bounded_at_grazing_incidence():
+    made = program(lambda wi, wo: half(wi, wo)[..., 2] ** 3)
+    assert [mask.tolist() for mask in unit_quotients(made).values()] == [[True, True, True]]
+    assert not unit_quotients(program(lambda wi, wo: wi[..., 2] / jnp.sqrt(wo[..., 2] ** 2 + wi[..., 1] ** 2)))
+    assert not unit_quotients(program(lambda wi, wo: wi[..., 2] / jnp.sqrt(wi[..., 2] ** 2 - wi[..., 1] ** 2)))
+    guarded = program(lambda wi, wo: wi[..., 2] / jnp.maximum(jnp.linalg.norm(wi, axis=-1), 1e-9))
+    assert len(unit_quotients(guarded)) == 1
+
+
+def test_a_part_of_the_angles():
+    def steep(wi, wo):
+        return 1 / jnp.pi / (wi[..., 2] + 0.5) + 0 * wo[..., 2]
+
+    assert certify(steep, cos_theta=(0.6, 1))
+    assert certify(steep, cos_theta=(0.6, 1)).statement.endswith("at most 1 for every cos(theta) from 0.6 to 1.")
+    place = certify(steep).record["point"]
+    assert float(place["theta in degrees"]) > 60
+
+
+def test_shader_files():
+    assert certify(str(SHADERS / "lambert.brdf"), albedo=(0, 0.98))
+    refuted = certify(str(SHADERS / "eon.glsl"))
+    assert not refuted
+    checked = brdfcheck.check(str(SHADERS / "eon.glsl"), effort="quick")
+    assert 1 < float(refuted.record["point"]["albedo at least"]) <= checked.albedo + 1e-6
+
+
+def test_channels_are_bounded_together():
+    def coloured(wi, wo):
+        return jnp.array([0.1, 0.2, 0.33]) * wo[..., 2:]
+
+    refuted = certify(lambda wi, wo: 1.5 * coloured(wi, wo))
+    assert float(refuted.record["point"]["albedo at least"]) == pytest.approx(0.33 * np.pi, rel=0.05)
+    assert certify(coloured)
+
+
+def test_what_is_divided_by_a_cosine_is_not_bounded():
+    def cancelling(wi, wo):
+        return 0.2 * wi[..., 2] ** 2 / wi[..., 2] + 0 * wo[..., 2]
+
+    with pytest.raises(
+        NotProved, match="no bound is proved for every angle of incidence: somewhere the arithmetic cannot tell"
+    ):
+        certify(cancelling, seconds=1)
+    assert certify(cancelling, cos_theta=(0.01, 1))
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda wi, wo: jax.lax.cumsum(wi, axis=1)[..., 2], "cumsum is not covered"),
+        (lambda wi, wo: wi[..., 2].astype(int) / 2 + wo[..., 2], "of whole numbers that depend on directions"),
+        (lambda wi, wo: jnp.take(wi, jnp.argmax(wo[0]), axis=-1), "argmax of whole numbers"),
+        (lambda wi, wo: jax.lax.fori_loop(0, 3, lambda i, x: x * wi[..., 2], wo[..., 2]), "scan is not covered"),
+    ],
+)
+def test_what_is_not_covered_is_named(function, message):
+    with pytest.raises(Uncovered, match=message):
+        certify(function)
+
+
+def test_bad_words():
+    with pytest.raises(UsageError, match="seconds must be a number >= 0; got -1"):
+        certify(coated, seconds=-1, n=(1, 2))
+    with pytest.raises(UsageError, match=re.escape("the range of n must be finite")):
+        certify(coated, n=(1, np.inf))
+
+
+def test_a_search_says_how_far_it_got():
+    made = program(coated, n=(1, 20))
+    box = Box(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 20.0]))
+    seen: list[tuple[float, float]] = []
+    found = Search(Hemisphere(made, "mirror"), [box], [box], 2.0, lambda high, part: seen.append((high, part))).run()
+    assert found.point is None
+    assert 1 < found.high < np.inf
+    assert 0 <= found.proved < 1
+    assert [high for high, _ in seen] == sorted((high for high, _ in seen), reverse=True)
+    assert found.high <= seen[-1][0]

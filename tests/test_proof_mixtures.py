@@ -1,0 +1,119 @@
+"""Sums of BRDFs: their values, their certificates, and what is no proof."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import brdfcheck
+from brdfcheck.messages import UsageError
+from brdfcheck.proof import Certificate, Rejected, certify, verify
+
+
+def phong(n):
+    return brdfcheck.Normalized(brdfcheck.Phong(n), brdfcheck.PhongExact())
+
+
+def layered(n, m):
+    return brdfcheck.Mixture([brdfcheck.Lambert(0.9), phong(n), brdfcheck.CookTorrance(m)], [0.3, 0.5, 0.2])
+
+
+def varnish(n, f0):
+    coat = brdfcheck.Normalized(brdfcheck.BlinnPhong(n), brdfcheck.Factor(7.8025, 26.716))
+    return brdfcheck.FresnelBlend(coat, brdfcheck.Lambert(1.0), f0)
+
+
+def directions(count):
+    w = np.random.default_rng(2).normal(size=(2, count, 3))
+    w[..., 2] = np.abs(w[..., 2])
+    return w / np.linalg.norm(w, axis=-1, keepdims=True)
+
+
+def test_a_mixture_is_the_sum_of_its_parts():
+    wi, wo = directions(50)
+    found = layered(7.0, 0.3)(wi, wo)
+    parts = [brdfcheck.Lambert(0.9), phong(7.0), brdfcheck.CookTorrance(0.3)]
+    assert np.allclose(found, sum(w * part(wi, wo) for w, part in zip((0.3, 0.5, 0.2), parts, strict=True)), rtol=1e-6)
+
+
+def test_a_fresnel_blend_is_reciprocal_and_all_diffuse_or_all_coat_at_its_ends():
+    wi, wo = directions(50)
+    blend = varnish(9.0, 0.2)
+    assert np.allclose(blend(wi, wo), blend(wo, wi), rtol=1e-6)
+    assert np.allclose(varnish(9.0, 1.0)(wi, wo), blend.coat(wi, wo), rtol=1e-5)
+    up = jnp.array([[0.0, 0.0, 1.0]])
+    assert np.allclose(varnish(9.0, 0.0)(up, up), 1 / np.pi)
+    grazing = jnp.array([[1.0, 0.0, 0.0]])
+    assert np.allclose(varnish(9.0, 0.0)(grazing, up), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("family", "ranges", "theorem"),
+    [
+        (layered, {"n": (0, math.inf), "m": (0.1, 1)}, "mixture"),
+        (varnish, {"n": (1, 1000), "f0": (0, 1)}, "Fresnel blend"),
+    ],
+)
+def test_sums_are_proved_by_their_parts(family, ranges, theorem):
+    proof = certify(family, **ranges)
+    assert proof
+    assert proof.record["theorems"] == [theorem]
+    verify(proof)
+    record = json.loads(proof.to_json())
+    mixture = theorem == "mixture"
+    for path, value in (
+        (("lobe", "kind"), "sum"), (("parts", 0, "verdict"), "VIOLATES"), (("range", "n"), ["0", "1001"]),
+        (("parts", 1, "range"), {"n": ["1", "2"]}), (("statement",), "It conserves."), (("parts",), record["parts"][:1]),
+        (("lobe", "weights" if mixture else "f0"), ["0.4", "0.5", "0.2"] if mixture else "2"),
+    ):  # fmt: skip
+        changed = copy.deepcopy(record)
+        place = changed
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = value
+        with pytest.raises(Rejected):
+            verify(Certificate(changed))
+
+
+def test_mixtures_of_one_member():
+    assert certify(brdfcheck.Mixture([brdfcheck.Lambert(1.0), phong(3.0)], [0.5, 0.5]))
+
+
+@pytest.mark.parametrize(
+    ("family", "message"),
+    [
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [0.6, 0.5]), "add up to at most 1; got 0.6, 0.5"),
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [-0.1, 0.5]), "must be >= 0"),
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(1.1), phong(n)], [0.1, 0.1]), "a part does not conserve"),
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [n, 0.1]), "the weights must be numbers"),
+        (
+            lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(2 * n)], [0.1, 0.1]),
+            "part 2 of .* does not go into Phong",
+        ),
+        (lambda n: brdfcheck.FresnelBlend(phong(n), brdfcheck.Lambert(1.0), 1.5), "f0 must be from 0 to 1"),
+        (
+            lambda n: brdfcheck.FresnelBlend(phong(3), brdfcheck.Lambert(1.0), 0.1 * n),
+            "f0 does not go into FresnelBlend as it is",
+        ),
+    ],
+)
+def test_premises_are_checked(family, message):
+    with pytest.raises(UsageError, match=message):
+        certify(family, seconds=0, n=(2, 3))
+
+
+def test_where_no_theorem_holds_boxes_may_tell():
+    bright = certify(lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.9), phong(n)], [0.6, 0.5]), n=(2, 3))
+    assert float(bright.record["point"]["albedo at least"]) > 1.02
+
+
+def test_bad_parts():
+    with pytest.raises(TypeError, match="a part must be a BRDF of this package; got function"):
+        brdfcheck.Mixture([lambda wi, wo: 0.1], [1.0])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="a weight for each part; got 1 parts"):
+        brdfcheck.Mixture([brdfcheck.Lambert()], [0.5, 0.5])
