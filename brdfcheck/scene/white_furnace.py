@@ -23,7 +23,10 @@ from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.images import contact_sheet
 
 _ENVIRONMENT = 0.4  # a sphere that returns 2.5 times the light is white
-_USUAL = {"n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0}
+_USUAL = {
+    "n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0, "albedo": 1.0, "through": 0.5, "index": 1.5, "clear": 0.9,
+    "eta": 1.5, "below": 0.0,
+}  # fmt: skip
 # (published, its parameters where the excess is of interest, the validated one of the same lobe)
 PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
     ("binomial-power-raw", {"n": 4}, "binomial-power-half"),
