@@ -16,15 +16,11 @@ the table of `brdfcheck table`. Peers take part where they are installed.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 ORDERS = (16, 32, 64)
-SAMPLES = (2**10, 2**14)
 # Rows and columns of the 64 at which ways to make a table are compared.
 ROWS, COLUMNS = (20, 34, 48, 63), (0, 2, 5, 11, 23, 32, 48, 63)
-MITSUBA_CELLS = 24
 
 
 def run(size: str = "full") -> dict[str, Any]:
@@ -57,15 +53,15 @@ def run(size: str = "full") -> dict[str, Any]:
                 found = albedo_table(GGX, nodes**2, nodes, rtol=rtol)
                 return np.asarray(found.value), np.asarray(found.error)
 
-            seconds = min([_seconds(table) for _ in range(4)][1:])
+            seconds = min([renderer.seconds(table) for _ in range(4)][1:])
             value, error = table()
             add("brdfcheck", "best" if rtol is None else f"rtol {rtol:g}", seconds, value[few], float(np.max(error)))
         for order in ORDERS if full else ORDERS[:1]:
-            seconds = _seconds(lambda order=order: renderer.numpy_table(nodes**2, nodes, order))
+            seconds = renderer.seconds(lambda order=order: renderer.numpy_table(nodes**2, nodes, order))
             add("numpy", f"{order} x 2 x {order}", seconds, renderer.numpy_table(rows**2, columns, order))
         missing = {"mitsuba": PEERS["mitsuba"].missing(), "scipy with numba": metal_table.missing()}
         if full and missing["mitsuba"] is None:
-            results += _mitsuba(PEERS["mitsuba"], rows, columns)
+            results += renderer.mitsuba(PEERS["mitsuba"], rows, columns)
     ours = renderer_table("ggx", {"roughness": (0, 1)}, size=(count, count))
     roughness, mu = np.meshgrid(nodes, nodes, indexing="ij")
     fits = compact_fits(ours, None if full else (2, 1))
@@ -74,59 +70,14 @@ def run(size: str = "full") -> dict[str, Any]:
     pairs = {name: fit(roughness, mu) for name, fit in renderer.FITS.items()} | {
         "brdfcheck": (white * (1 - share), white * share)
     }
-    formulas = [_formula(name, *pair, ours, nodes) for name, pair in pairs.items()]
+    formulas = [renderer.formula(name, *pair, ours, nodes) for name, pair in pairs.items()]
     summary = {"formulas": formulas, "coefficients": fits.albedo.coefficients + fits.share.coefficients}
     return {"settings": {"count": count, "missing_peers": missing}, "results": results, "summary": summary}
 
 
-def _seconds(job: Callable[[], object]) -> float:
-    began = time.process_time()
-    job()
-    return time.process_time() - began
-
-
-def _mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
-    """Its own sampling of the separable form, which is what it has: off by its noise against a table of that form."""
-    import jax
-    import numpy as np
-
-    from brdfcheck import GGX, albedo_table
-
-    own = np.asarray(albedo_table(lambda alpha: GGX(alpha, masking="smith-separable"), rows**2, columns).value)
-    found = []
-    for samples in SAMPLES:
-        rule, cells = peer(samples), [(i, j) for i in range(len(rows)) for j in range(len(columns))][:MITSUBA_CELLS]
-        lobes = {i: GGX(rows[i] ** 2, masking="smith-separable") for i in range(len(rows))}
-        rule.compute(lobes[0], columns[0], jax.random.key(1))
-        began = time.process_time()
-        values = [float(rule.compute(lobes[i], columns[j], jax.random.key(k)).value) for k, (i, j) in enumerate(cells)]
-        seconds = (time.process_time() - began) / len(cells) * 64 * 64
-        error = max(abs(value - own[cell]) for value, cell in zip(values, cells, strict=True))
-        found.append({"way": "Mitsuba", "setting": f"{samples} samples", "seconds": seconds, "error": error, "claimed": None})
-    return found
-
-
-def _formula(name: str, scale: Any, bias: Any, ours: Any, nodes: Any) -> dict[str, Any]:
-    """How far a pair is off: the largest errors, where, and by row."""
-    import numpy as np
-
-    errors = [np.abs(scale - ours.scale[0]), np.abs(bias - ours.bias[0]), np.abs(scale + bias - ours.grid.values)]
-    i, j = np.unravel_index(np.argmax(errors[2]), errors[2].shape)
-    return {
-        "name": name,
-        "scale": float(errors[0].max()),
-        "bias": float(errors[1].max()),
-        "E": float(errors[2].max()),
-        "rms": float(np.sqrt(np.mean(errors[2] ** 2))),
-        "roughness": float(nodes[i]),
-        "cos_theta": float(nodes[j]),
-        "above_1": int(np.sum(scale + bias > 1)),
-        "by_row": [float(value) for value in errors[2].max(axis=1)],
-    }
-
-
 def plot(record: dict[str, Any]) -> Any:
     """Left: error against seconds of the ways to make a table. Right: the largest error of E at each roughness by formulas."""
+    from _instruments import renderer
     from brdfcheck import plots
 
     colors = {"brdfcheck": "#8C2D04", "numpy": "#0072B2", "Mitsuba": "#661100", "MaterialX, rational": "#009E73"}
@@ -137,26 +88,20 @@ def plot(record: dict[str, Any]) -> Any:
             own = [result for result in record["results"] if result["way"] == way]
             left.plot([r["seconds"] for r in own], [r["error"] for r in own], "o-", color=colors[way], label=way)
         left.set(xscale="log", yscale="log", xlabel="seconds for one table of E, one core", ylabel="largest error")
-        _decades(left.set_xticks, range(-1, 4))
-        _decades(left.set_yticks, range(-14, 0, 2))
+        renderer.decades(left.set_xticks, range(-1, 4))
+        renderer.decades(left.set_yticks, range(-14, 0, 2))
         count = record["settings"]["count"]
         nodes = [(k + 0.5) / count for k in range(count)]
         for formula in record["summary"]["formulas"]:
             label = f"{formula['name']}{', functions' if formula['name'] == 'brdfcheck' else ''}"
             right.plot(nodes, formula["by_row"], color=colors.get(formula["name"], "#CC79A7"), label=label)
         right.set(yscale="log", xlabel="roughness", ylabel="largest error of scale + bias = E")
-        _decades(right.set_yticks, range(-4, 1))
+        renderer.decades(right.set_yticks, range(-4, 1))
         for axes in (left, right):
             axes.minorticks_off()
             axes.grid(True)
             axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return figure
-
-
-def _decades(ticks: Callable[..., object], powers: range) -> None:
-    from brdfcheck.plots import superscript
-
-    ticks([10.0**k for k in powers], [f"10{superscript(k)}" for k in powers])
 
 
 def summary(record: dict[str, Any]) -> str:

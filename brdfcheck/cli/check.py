@@ -177,11 +177,11 @@ def check_command(
     start()
     verdicts = Verdicts(not no_cache and (gate is None or gate.document.cache))
     with contextlib.redirect_stdout(sys.stderr):
-        known = [verdicts.found(request) for request in requests]
+        known, modules = [verdicts.found(request) for request in requests], {}
         cases = [
             case
             for request, found in zip(requests, known, strict=True)
-            for case in (cases_of(request) if found is None else found)
+            for case in (cases_of(request, modules) if found is None else found)
         ]
         start()  # a user's file may have changed the precision
     work = _Work("check", cases, settings, Output(json, quiet=quiet), began, files, quiet, verdicts)

@@ -72,7 +72,7 @@ The roughness of a BRDF that has an alpha or m instead is its square root.
 \b
 Exit codes:
   0  written                                 3  internal error
-  1  the compensated BRDF does not pass,     4  usage error
+  1  check refutes the compensated BRDF,     4  usage error
      or the BRDF cannot be evaluated
   2  interrupted""",
 )
@@ -115,7 +115,7 @@ def _table(
         bool, typer.Option("--compensation", help="Also the table of the multiple-scattering compensation of Kulla and Conty.")
     ] = False,
     verify: Annotated[
-        bool, typer.Option("--check", help="Put the compensated BRDF through check, from cos theta 0.01 on (a minute).")
+        bool, typer.Option("--check", help="Put the compensated BRDF through check, from cos theta 0.01 on.")
     ] = False,
     cos_theta: CosTheta = None,
     rtol: Annotated[
@@ -220,7 +220,7 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
                 write_renderer_table(path, table, kind, added, texture=settings["texture"], metadata=metadata)
     for text in _lines(settings, table, added, fits, report, paths):
         output.line(text)
-    code = ExitCode.PASSED if report is None or report.passed else ExitCode.FAILED
+    code = ExitCode.FAILED if report is not None and report.verdict.name == "VIOLATES" else ExitCode.PASSED
     summary = {"seconds": time.perf_counter() - began, "exit_code": int(code)}
     result = {**metadata, "files": paths, "check": None if report is None else records.to_json_object(report)}
     output.write_json(lambda: records.document("table", [result], settings=settings, summary=summary))
@@ -259,7 +259,10 @@ def _lines(settings: Mapping[str, Any], table: Any, added: Any, fits: Any, repor
             f" (the table of E itself would exceed 1 by {max(added.excess, 0):.2g})"
         )
     if report is not None:
-        lines.append(f"  check        {report.verdict.name}: albedo {report.albedo:.6f} +- {report.error:.1g}")
+        found = "VIOLATES" if report.verdict.name == "VIOLATES" else "finds no violation"
+        lines.append(
+            f"  check        {found}: largest albedo {report.albedo:.5f} +- {report.error:.1g} ({report.verdict.name})"
+        )
     if fits is not None:
         split = "" if fits.share is None else f", split sum within {fits.split_sum_error:.2g}"
         average = "" if fits.average is None else f", average within {fits.average.max_error:.2g}"

@@ -34,7 +34,7 @@ from brdfcheck.verdict.check import check_family
 # Of a parabola the middle of a cell misses the most; this is for what bends otherwise.
 _MARGIN = 1.25
 _SMALLEST = 1e-12
-_FUNCTIONS = 1e-6
+_RTOL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -136,10 +136,11 @@ def _compensated(table: RendererTable, energy: np.ndarray, average: np.ndarray) 
 
 
 def checked(found: Compensation) -> Report:
-    """`check` of the compensated BRDF as a function, from cos theta 0.01 on, with a tolerance of 1e-4.
+    """`check` of the compensated BRDF as a function of two directions, from cos theta 0.01 on, with a tolerance of 5e-4.
 
-    Look-ups have an edge in every cell, so that the error bars of a function are wider than usual: 3e-5, and 2e-3 in the limit
-    of grazing light, which is left out.
+    It refutes a table that violates. Of one that conserves it mostly says UNDECIDED: the albedo is 1 wherever nothing is lost,
+    and look-ups have an edge in every cell, so that the search does not settle and its bar is 2e-3. The grid of
+    `compensation` is finer: there nothing exceeds 1 by more than the bars of the table.
     """
     family = replace(found.family, cos_theta=(0.01, 1.0))
-    return check_family(family, tolerance=1e-4, rtol=_FUNCTIONS, intervals=False, effort="quick")
+    return check_family(family, tolerance=5e-4, rtol=_RTOL, intervals=False, effort="quick")

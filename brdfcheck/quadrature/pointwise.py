@@ -124,7 +124,7 @@ class PointwiseAlbedo:
     @functools.cached_property
     def reflection(self) -> Evaluator | None:
         """What evaluates the part of the BRDF that owes reciprocity: `evaluator` unless the family says otherwise."""
-        if self.family.pointwise is None or self.evaluator is None:
+        if self.family.pointwise is None:
             return self.evaluator
         middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in self.family.ranges.items()}
         return Evaluator(self._with_held(self.family.pointwise), {name: middle[name] for name in self.swept})

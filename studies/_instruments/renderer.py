@@ -6,11 +6,20 @@ which his approximation therefore fits) and Schlick's Fresnel term: the albedo i
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
+
+from brdfcheck import GGX, albedo_table
+from brdfcheck.plots import superscript
+
+# Of Mitsuba's sampling: samples of a cell, and cells.
+_SAMPLES, _CELLS = (2**10, 2**14), 24
 
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -77,3 +86,48 @@ def numpy_table(
             value = value * (f0 + (1 - f0) * (1 - meets) ** 5)
         table[row] = np.sum(weight * (full[..., 0] / np.pi) * (value @ (w / 2)), axis=1)
     return table
+
+
+def seconds(job: Callable[[], object]) -> float:
+    """Seconds of CPU that a job takes, of all threads together."""
+    began = time.process_time()
+    job()
+    return time.process_time() - began
+
+
+def mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
+    """Its own sampling of the separable form, which is what it has: off by its noise against a table of that form."""
+    own = np.asarray(albedo_table(lambda alpha: GGX(alpha, masking="smith-separable"), rows**2, columns).value)
+    found = []
+    for samples in _SAMPLES:
+        rule, cells = peer(samples), [(i, j) for i in range(len(rows)) for j in range(len(columns))][:_CELLS]
+        lobes = {i: GGX(rows[i] ** 2, masking="smith-separable") for i in range(len(rows))}
+        rule.compute(lobes[0], columns[0], jax.random.key(1))
+        began = time.process_time()
+        values = [float(rule.compute(lobes[i], columns[j], jax.random.key(k)).value) for k, (i, j) in enumerate(cells)]
+        spent = (time.process_time() - began) / len(cells) * 64 * 64
+        error = max(abs(value - own[cell]) for value, cell in zip(values, cells, strict=True))
+        found.append({"way": "Mitsuba", "setting": f"{samples} samples", "seconds": spent, "error": error, "claimed": None})
+    return found
+
+
+def formula(name: str, scale: Any, bias: Any, ours: Any, nodes: Any) -> dict[str, Any]:
+    """How far a pair is off: the largest errors, where, and by row."""
+    errors = [np.abs(scale - ours.scale[0]), np.abs(bias - ours.bias[0]), np.abs(scale + bias - ours.grid.values)]
+    i, j = np.unravel_index(np.argmax(errors[2]), errors[2].shape)
+    return {
+        "name": name,
+        "scale": float(errors[0].max()),
+        "bias": float(errors[1].max()),
+        "E": float(errors[2].max()),
+        "rms": float(np.sqrt(np.mean(errors[2] ** 2))),
+        "roughness": float(nodes[i]),
+        "cos_theta": float(nodes[j]),
+        "above_1": int(np.sum(scale + bias > 1)),
+        "by_row": [float(value) for value in errors[2].max(axis=1)],
+    }
+
+
+def decades(ticks: Callable[..., object], powers: range) -> None:
+    """Ticks at powers of ten."""
+    ticks([10.0**k for k in powers], [f"10{superscript(k)}" for k in powers])
