@@ -31,6 +31,11 @@ from .brdf.microfacet import CookTorrance as CookTorrance
 from .brdf.mixtures import FresnelBlend as FresnelBlend
 from .brdf.mixtures import Mixture as Mixture
 from .brdf.subject import load as load
+from .brdf.transmission import LambertTransmission as LambertTransmission
+from .brdf.transmission import RoughDielectric as RoughDielectric
+from .brdf.transmission import SmoothDielectric as SmoothDielectric
+from .brdf.transmission import ThinSheet as ThinSheet
+from .brdf.two_sides import bsdf as bsdf
 from .budgets.measure import Budget as Budget
 from .budgets.measure import budget as budget
 from .fits.factor import FactorFit as FactorFit

@@ -37,6 +37,7 @@ _WORDS = {
     "less_than_equal": "must be at most {le}",
     "too_short": "must have at least {min_length} entries",
     "too_long": "must have at most {max_length} entries",
+    "string_too_short": "must have at least {min_length} characters",
     "literal_error": "must be one of {expected}",
     "union_tag_invalid": "must be one of {expected_tags}",
     "union_tag_not_found": "needs the key {discriminator}",

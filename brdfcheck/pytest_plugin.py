@@ -9,6 +9,7 @@ Imports nothing but pytest: what checks is imported by the first test that needs
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,11 +25,13 @@ _SUBJECTS = pytest.StashKey["Subjects | None"]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    """The option of the plug-in."""
     group = parser.getgroup("brdfcheck", "energy conservation of BRDFs")
     group.addoption("--brdfcheck-no-cache", action="store_true", help="check BRDFs of the project again that have not changed")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    """The marker."""
     config.addinivalue_line(
         "markers",
         "brdf(over, hold, cos_theta, tolerance, rtol, effort, returns, expect): the function returns a BRDF, which must"
@@ -45,13 +48,14 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     for key in ("over", "hold") if marker is not None else ():
         given = marker.kwargs.get(key) if marker is not None else None
         for name, bounds in given.items() if isinstance(given, dict) else ():
-            if name in metafunc.fixturenames:
+            if name in inspect.signature(metafunc.function).parameters:
                 parts = bounds if isinstance(bounds, tuple | list) else [bounds]
                 metafunc.parametrize(name, [None], ids=[f"{name}={':'.join(map(str, parts))}"])
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """What a marked function returns is checked."""
     marker = pyfuncitem.get_closest_marker("brdf")
     if marker is None:
         return None
@@ -121,6 +125,7 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """The subjects in a file, or for the project's own file those in none."""
     found = _subjects(parent.config)
     if found is None or os.path.realpath(file_path) not in found.files:
         return None

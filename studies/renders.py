@@ -16,7 +16,12 @@ from __future__ import annotations
 
 from typing import Any
 
-SMALL, SHOWN = ("figure-6", "figure-10"), ("figure-10", "figure-12", "glass")
+SMALL = ("figure-6", "figure-10")
+SHOWN = {
+    "figure-10": "metal of facets, two lights",
+    "figure-12": "metal by powers of N·H",
+    "glass": "mirror and glass, by rays",
+}
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 EXPONENTS, DEGREES = (10, 100, 1000), (0, 15, 30, 45)
 
@@ -78,14 +83,14 @@ def plot(record: dict[str, Any]) -> Any:
     with plots.house_style():
         figure = plots.empty(10.0, 6.8)
         top, (left, middle, right) = figure.subplots(2, 3)
-        for axes, name in zip(top, SHOWN, strict=True):
+        for axes, (name, title) in zip(top, SHOWN.items(), strict=True):
             image = presets.render_preset(name, sides.get(name, 16))  # the programs of `pictures`
             axes.imshow(images.encode_srgb(image).transpose(1, 2, 0), interpolation="antialiased")
-            axes.set_title(name)
+            axes.set_title(title)
             axes.axis("off")
         for i, n in enumerate(EXPONENTS):
             left.plot(faces, [row["left"][i] for row in smooth], marker="o", color=PALETTE[i], label=f"n = {n}")
-        left.set(title="highlight left, Gouraud", ylim=(-0.03, 1.03))
+        left.set(title="what Gouraud shading leaves of a highlight", ylabel="share of the exact highlight", ylim=(-0.03, 1.03))
         curves = {
             "bleed at the silhouette": [row["bleed"] for row in smooth],
             "jump of the value, flat": [row["value_jump"] for row in smooth],
@@ -94,7 +99,7 @@ def plot(record: dict[str, Any]) -> Any:
         }
         for color, (label, values) in zip(PALETTE, curves.items(), strict=True):
             middle.plot(faces, values, marker="s", color=color, label=label)
-        middle.set(title="bleed and jumps", yscale="log", ylim=(0.02, 4))
+        middle.set(title="bleed and jumps", ylabel="size", yscale="log", ylim=(0.02, 4))
         middle.set_yticks((0.03, 0.1, 0.3, 1, 3), ("0.03", "0.1", "0.3", "1", "3"))
         for axes in (left, middle):
             axes.set(xscale="log", xlabel="faces")
@@ -103,11 +108,15 @@ def plot(record: dict[str, Any]) -> Any:
             axes.legend(fontsize=7.5)
             axes.grid(True)
         for i, row in enumerate(furnace[::-1]):  # names stand in the panel: beside it they would push the others aside
-            right.barh(i, max(row["excess"], 1e-4) - 1e-4, left=1e-4, color="#9ecae1")
-            right.text(1.3e-4, i, row["published"], va="center", fontsize=7)
-            right.text(80, i, f"{row['excess']:.2g}" if row["excess"] > 1e-4 else "none", va="center", ha="right", fontsize=7)
-        right.set(xscale="log", xlim=(1e-4, 100), title="excess in the white furnace", yticks=())
-        right.set_xticks((1e-4, 1e-2, 1), ("0.0001", "0.01", "1"))
+            if row["excess"] > 1e-4:  # a place on a logarithmic axis, which has no 0 for a bar to start at
+                right.plot(row["excess"], i, marker="o", color=PALETTE[1], markersize=4)
+            right.axhline(i, color="#DDDDDD", linewidth=0.5, zorder=0)
+            right.text(1.3e-5, i, row["published"], va="center", fontsize=7)
+            right.text(300, i, f"{row['excess']:.2g}" if row["excess"] > 1e-4 else "none", va="center", ha="right", fontsize=7)
+        right.set(xscale="log", xlim=(1e-5, 400), title="excess in the white furnace", yticks=())
+        right.set(xlabel="largest albedo − 1, of 0 to 89°, logarithmic")
+        right.set_xticks((1e-3, 1e-2, 0.1, 1, 10), ("0.001", "0.01", "0.1", "1", "10"))
+        right.minorticks_off()
     return figure
 
 

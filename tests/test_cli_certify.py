@@ -31,6 +31,11 @@ def bright(wi, wo, k):
 def sorted(wi, wo):
     return jnp.sort(wi, axis=-1)[..., 2]
 
+def quits(n):
+    if not isinstance(n, float):
+        raise SystemExit(3)
+    return b.Phong(n)
+
 def slow(wi, wo):
     return np.asarray(wi)[..., 2]
 """
@@ -98,6 +103,7 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["mine.py:sorted"], "sort is not covered by the arithmetic of proofs"),
         (["mine.py:slow"], "mine.py:slow cannot be traced by JAX, and certify proves what can be"),
         (["mine.py:bright", "--over", "k=1:inf"], "mine.py:bright: for a proof of a function the range of k must be finite"),
+        (["mine.py:quits", "--over", "n=1:2"], "mine.py:quits ends the process while JAX traces it"),
         (["phong", "--over", "m=1"], "phong has no parameter 'm'; its parameters: n"),
         (["phong", "--verify", "c.json"], "give a BRDF to certify, or --verify FILE, but not both"),
         (["--verify", "c.json", "-o", "d.json"], "--verify takes nothing but the certificate"),

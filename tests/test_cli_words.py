@@ -21,7 +21,7 @@ from brdfcheck.cli import ExitCode, words
 from brdfcheck.messages import UsageError
 
 ROOT = Path(brdfcheck.__file__).parent.parent
-COMMANDS = ("check", "audit", "certify", "fit", "plot", "sweep", "render", "budget", "study", "list")
+COMMANDS = ("check", "init", "audit", "view", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -29,7 +29,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 BAD = {
     "": [
-        ("", "no command given; the commands are check, audit, certify, fit"),
+        ("", "no command given; the commands are check, init, audit, view, certify, fit, table"),
         ("chekc", "'chekc'"),
         ("--frobnicate", "--frobnicate"),
     ],
@@ -66,6 +66,7 @@ BAD = {
         ("phong --junitxml -", "--junitxml: cannot write '-': give the name of a file"),
         ("phong --json same --junitxml ./same", "--json and --junitxml cannot both write to ./same"),
     ],
+    "view": [("phong --effort quik", "--effort: 'quik'"), ("phong -o page.png", "must end in .html or .htm"), ("", "NAME")],
     "audit": [("--effort quik", "--effort: 'quik'"), ("--json absent/out.json", "does not exist"), ("phong", "phong")],
     "list": [("--json absent/out.json", "does not exist"), ("phong", "phong")],
     "certify": [

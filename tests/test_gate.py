@@ -58,6 +58,14 @@ def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypat
     assert config.find() is None
 
 
+@pytest.mark.parametrize("text", ["tool = 3", "[tool]\nbrdfcheck = 3"])
+def test_a_pyproject_that_has_no_table_there(run: Run, write: Write, text: str) -> None:
+    write("pyproject.toml", text)
+    code, _, err = run("check")
+    assert code == ExitCode.USAGE_ERROR
+    assert "must be a table; got 3" in err
+
+
 def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
     write(
         "brdfcheck.toml",
@@ -99,6 +107,12 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
         ('[[subjects]]\ntarget = "a.py:f"\neffort = "slow"', "must be one of 'quick', 'normal' or 'thorough'; got 'slow'"),
         ('[[subjects]]\ntarget = "gone.py:f"', "there is no file 'gone.py'"),
         ('[[subjects]]\ntarget = "mine.py:matt"', "the parameter k must be given a range"),
+        ('[[subjects]]\ntarget = ""', "target: must have at least 1 characters"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = 3 }', "over.n: must be a range [LO, HI], or { values = [...] }"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, inf] }', "over.n[1]: must be finite; got inf"),
+        ('[[subjects]]\ntarget = "a.py:f"\nhold = { n = [1] }', "hold.n: must be a number, true or false, or the 2 to 4"),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = "fails"', 'expect: must be "conserves" or { violates = ALBEDO, reason'),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = nan, reason = "x" }', "violates: must be above 1.0; got nan"),
         ("][", "is not TOML"),
     ],
 )
@@ -138,8 +152,11 @@ def test_a_list_of_values_and_a_whole_file(run: Run, write: Write, here: Path) -
     assert code == ExitCode.FAILED
     names = [result["name"] for result in json.loads((here / "found.json").read_text())["results"]]
     assert names == ["mine.py:matt k=0.5", "mine.py:bright", "mine.py:matt k=1", "mine.py:matt k=2"]
-    write("mine.py", MINE + '    __all__ = ["matt"]\n')
-    assert "bright" not in run("check", "mine.py:*", "--over", "k=1")[1]
+    write("mine.py", MINE + '__all__ = ["matt"]\n')
+    code, out, _ = run("check", "mine.py:*", "--over", "k=1", "--effort", "quick")
+    assert code == ExitCode.PASSED
+    assert "mine.py:matt" in out
+    assert "bright" not in out
     write("none.py", "x = 3\n")
     assert "none.py:*: it defines no public callable" in run("check", "none.py:*")[2]
     assert "only Python files are taken whole" in run("check", "none.glsl:*")[2]
@@ -155,6 +172,12 @@ def test_a_list_for_a_vector_is_its_components(run: Run, write: Write, here: Pat
         ("flat.glsl:f n=2", 0.6),
     ]
     assert "ks: a vector has at most 4 components; got 5" in run("check", "flat.glsl:f", "--over", "ks=1,1,1,1,1")[2]
+
+
+def test_a_file_is_imported_once_however_many_of_it_are_checked(run: Run, write: Write) -> None:
+    write("mine.py", MINE + 'print("imported")\n')
+    write("brdfcheck.toml", GATE)
+    assert run("check")[2].splitlines().count("imported") == 1
 
 
 def test_a_class_of_this_package_has_an_origin(run: Run, here: Path) -> None:

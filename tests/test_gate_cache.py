@@ -87,6 +87,10 @@ def test_includes_count_and_those_by_macros_are_in_doubt(write: Write) -> None:
     write("s.glsl", "#define A <b.inc>\n#include A\n")
     with pytest.raises(sources.Doubt, match="depends on macros"):
         sources.sources(["s.glsl:f"], ["inc"])
+    for name, text in (("d.mtlx", "<xi:include href='x.mtlx'/>"), ("d.MTLX", "<xi:include/>"), ("d.xyz", "")):
+        write(name, text)
+        with pytest.raises(sources.Doubt, match=r"includes other documents|kind whose files"):
+            sources.sources([name])
     with pytest.raises(sources.Doubt, match="Mitsuba"):
         sources.sources(["mitsuba:principled"])
 

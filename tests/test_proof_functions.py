@@ -245,9 +245,62 @@ def test_a_search_says_how_far_it_got():
     made = program(coated, n=(1, 20))
     box = Box(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 20.0]))
     seen: list[tuple[float, float]] = []
-    found = Search(Hemisphere(made, "mirror"), [box], [box], 2.0, lambda high, part: seen.append((high, part))).run()
+    found = Search(Hemisphere(made, "mirror"), [box], [box], 6.0, lambda high, part: seen.append((high, part))).run()
     assert found.point is None
     assert 1 < found.high < np.inf
     assert 0 <= found.proved < 1
     assert [high for high, _ in seen] == sorted((high for high, _ in seen), reverse=True)
     assert found.high <= seen[-1][0]
+
+
+@pytest.mark.slow
+def test_bounds_of_random_functions_contain_their_albedos():
+    """Expressions of cosines, conditions and roots, half of them anisotropic, over random boxes, against sums over 160,000
+    directions at random places in the boxes and, where the program is shown to be isotropic, at random azimuths."""
+    rng = np.random.default_rng(1)
+    count = 400
+    s, q = np.meshgrid((np.arange(count) + 0.5) / count, 2 * (np.arange(count) + 0.5) / count, indexing="ij")
+    a, phi = s.ravel() * np.pi / 2, q.ravel() * np.pi
+    wo = jnp.array(np.stack([np.sin(a) * np.cos(phi), np.sin(a) * np.sin(phi), np.cos(a)], -1))
+    weight = jnp.array(np.cos(a) * np.sin(a) * np.pi**2 / count**2)
+    leaves = ("n.l", "n.v", "n.h", "l.v", "n")
+    nodes = [
+        lambda x, y: x + y, lambda x, y: x * y, jnp.maximum, lambda x, y: jnp.abs(x) ** 1.7, lambda x, y: jnp.sin(3 * x) + 1,
+        lambda x, y: jnp.exp(-3 * jnp.abs(x)), lambda x, y: x / (1 + y**2), lambda x, y: jnp.where(x > y, x, y**2),
+        lambda x, y: jnp.sqrt(jnp.maximum(x, 0)) + jnp.arctan(y),
+    ]  # fmt: skip
+
+    def expression(depth):
+        if depth == 0 or rng.random() < 0.3:
+            return leaves[rng.integers(len(leaves))]
+        return nodes[rng.integers(len(nodes))], expression(depth - 1), expression(depth - 1)
+
+    def value(tree, known):
+        return known[tree] if isinstance(tree, str) else tree[0](value(tree[1], known), value(tree[2], known))
+
+    checked = 0
+    for _ in range(60):
+        tree, skewed = expression(4), float(rng.random() < 0.5)
+
+        def function(wi, wo, n, tree=tree, skewed=skewed):
+            h = half(wi, wo)
+            known = {"n.l": wi[..., 2], "n.v": wo[..., 2], "n.h": h[..., 2] * (1 + h[..., 0] * skewed), "n": n + 0 * wo[..., 2]}
+            return value(tree, known | {"l.v": jnp.sum(wi * wo, -1)})
+
+        made = program(function, n=(0.5, 3))
+        kind = symmetry(made)
+        low = rng.uniform((0, 0, 0.5), (0.9, 1.5, 2.5))
+        size = 10 ** rng.uniform(-3, (-1, -0.5, -0.4))
+        if kind != "none":
+            low[1] = size[1] = 0
+        area = Hemisphere(made, kind)
+        bound = area.bound(Box(low, low + size), Cells.start(area.turns))
+        for _ in range(2):
+            tau, turn, n = map(float, rng.uniform(low, low + size))
+            theta, azimuth = tau * np.pi / 2, np.pi * (turn if kind == "none" else rng.uniform(0, 2))
+            wi = jnp.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
+            albedo = float(jnp.sum(function(jnp.broadcast_to(wi, wo.shape), wo, n) * weight))
+            error = 2e-3 * (1 + abs(albedo))  # of the sum, in float32
+            assert bound.low - error <= albedo <= bound.high + error
+            checked += 1
+    assert checked == 120

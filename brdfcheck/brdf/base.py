@@ -1,4 +1,4 @@
-"""What a BRDF offers to an integrator. The abstract classes; their final ones are in `lobes` and `microfacet`.
+"""What a BRDF offers to an integrator. The abstract classes; their final ones are in `lobes`, `microfacet` and `transmission`.
 
 Three levels, from the least to the most that is known about a BRDF:
 
@@ -6,13 +6,16 @@ Three levels, from the least to the most that is known about a BRDF:
 * `AbstractMicrofacetLobe`: it is a product of terms around the half vector, D(h) G F.
 * `AbstractZonalLobe`: it depends on one angle only, to the mirror direction or between normal and half vector.
 
+A surface that lets light through is an `AbstractBSDF`, on the whole sphere; lit from one side it is a BRDF that reflects what
+the surface sends to both.
+
 A lobe says where it lives (its width, its support, the angles at which its formula changes). It knows no quadrature.
 """
 
 from __future__ import annotations
 
 import abc
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 import equinox as eqx
 import jax
@@ -24,6 +27,10 @@ from brdfcheck import geometry
 
 Form = Literal["mirror", "half"]
 FORMS: tuple[Form, ...] = ("mirror", "half")
+Part = Literal["both", "reflected", "transmitted"]
+PARTS: tuple[Part, ...] = get_args(Part)
+Scale = Literal["flux", "radiance"]
+SCALES: tuple[Scale, ...] = get_args(Scale)
 
 
 def as_parameter(value: object, name: str = "a parameter") -> Array:
@@ -160,7 +167,14 @@ class AbstractZonalLobe(AbstractBRDF):
 
 
 class AbstractMicrofacetLobe(AbstractBRDF):
-    """A BRDF made of a facet distribution D, a masking term G and a Fresnel term F, all about the half vector."""
+    """A BRDF made of a facet distribution D, a masking term G and a Fresnel term F, all about the half vector.
+
+    `refracts`: the facets send light through the surface, not back; past its last kink in azimuth the kernel is 0. `rooted`: it
+    sets in like a square root at its kinks.
+    """
+
+    refracts: ClassVar[bool] = False
+    rooted: ClassVar[bool] = False
 
     @abc.abstractmethod
     def facet_kernel(
@@ -187,3 +201,60 @@ class AbstractMicrofacetLobe(AbstractBRDF):
     @abc.abstractmethod
     def azimuth_breaks(self, half_cosine: Float[Array, " h"], cos_theta: Float[Array, ""]) -> Float[Array, "kinks h"]:
         """Falling values of wi.H at which the kernel changes form while H turns about N at a fixed N.H."""
+
+
+class AbstractHalves(AbstractBRDF):
+    """What facets reflect and what they let through, lit from one side: a sum of lobes, integrated one after the other."""
+
+    @abc.abstractmethod
+    def halves(self) -> tuple[AbstractMicrofacetLobe, ...]:
+        """The lobes whose albedos are added."""
+
+
+class AbstractBSDF(eqx.Module):
+    r"""A surface that reflects and transmits: f(wi, wo) in 1/sr for unit vectors (..., 3) on the whole sphere, N = +z.
+
+    Directions point away from the surface; where wi and wo lie on different sides the light is transmitted. `eta` is the index
+    of refraction below the surface over that above it, 1 for thin sheets. `scale` says what a value is:
+
+    * "flux": the radiance towards wo by the irradiance from wi, as printed by Walter et al. (2007). The energy of light from wi
+      is $R + T$, the integrals of $f |N \cdot w_o|$ over wo above and below, and
+      $f(w_i, w_o) / \eta_o^2 = f(w_o, w_i) / \eta_i^2$ with the indices on the sides of the two directions.
+    * "radiance": what a renderer evaluates that follows rays from the eye, which look at the surface along wi: the same with
+      wi and wo exchanged. The energy is $R + (\eta_t / \eta_i)^2 T$, and $f(w_i, w_o) / \eta_i^2 = f(w_o, w_i) / \eta_o^2$.
+
+    With `eta` 1 the two are one.
+    """
+
+    eta: eqx.AbstractVar[Any]
+    scale: eqx.AbstractVar[Scale]
+
+    @abc.abstractmethod
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """The value in 1/sr, shape (...), or (..., channels); mirrors and clear panes, which have none, are left out."""
+
+    @abc.abstractmethod
+    def lit(self, below: Any = 0.0, part: str = "both") -> Any:
+        """The BRDF f(wi, wo) on the upper hemisphere whose albedo is the energy R + T, or a `part` of it, for light from above.
+
+        `below` 1: for light from below. ValueError for an unknown part.
+        """
+
+    # What `factors.varied` asks of a BRDF.
+
+    @property
+    def core(self) -> Any:
+        """What holds the parameters."""
+        return self
+
+    def with_core(self, core: AbstractBSDF) -> AbstractBSDF:
+        """The BSDF with other parameters."""
+        return core
+
+
+def checked_part(part: str) -> Part:
+    """`part` itself if it is one of `PARTS`; ValueError otherwise."""
+    for known in PARTS:
+        if part == known:
+            return known
+    raise ValueError(f"part must be one of {', '.join(PARTS)}; got {part!r}")

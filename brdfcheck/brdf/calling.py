@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.brdf.blame import Finding
 from brdfcheck.brdf.branches import by_branches
 
@@ -64,7 +64,7 @@ def directional(value: Any) -> Any:
     radians: theta from the normal, phi from the x axis, in (-pi, pi]; h the half vector, d the light relative to it
     (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order.
     """
-    if isinstance(value, (AbstractBRDF, type)):
+    if isinstance(value, (AbstractBRDF, AbstractBSDF, type)):
         return value
     if not callable(value):
         return next((directional(way) for name in _METHODS if callable(way := getattr(value, name, None))), value)

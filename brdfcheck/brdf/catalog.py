@@ -14,9 +14,16 @@ from brdfcheck.brdf.factors import BlinnPhongExact, Factor, Normalized, PerCosin
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
+from brdfcheck.brdf.transmission import LambertTransmission, RoughDielectric, SmoothDielectric, ThinSheet
+from brdfcheck.brdf.two_sides import transmitting
 from brdfcheck.messages import UnknownName
 
 _POWERS = {"n": (1.0, 1000.0)}
+_INDICES = (1.1, 2.5)
+_BOUNDARY = (
+    "F D G / (4 (N.L)(N.V)), and through the surface (1-F) D G |L.H| |V.H| eta_o^2 / (|N.L| |N.V| (eta_i L.H + eta_o V.H)^2)"
+)
+_ROUGH = {"alpha": (0.05, 1.0), "eta": _INDICES}
 _UP_TO_89_DEGREES = (float(np.cos(np.radians(89))), 1.0)
 _OURS = "brdfcheck: the largest smallest albedo of all factors (n+A)/B with E <= 1 on n in [1, 1000], rounded to the safe side"
 
@@ -43,6 +50,10 @@ class Entry:
 
 def _validated(name: str, build: Callable[..., Any], ranges: Mapping, formula: str, source: str) -> Entry:
     return Entry(Family(name, build, ranges), formula, source)
+
+
+def _transmits(name: str, build: Callable[..., Any], ranges: Mapping, formula: str, source: str) -> Entry:
+    return Entry(transmitting(Family(name, build, ranges), (0.0, 1.0)), formula, source)
 
 
 def _published(
@@ -119,6 +130,30 @@ def _entries() -> tuple[Entry, ...]:
         _validated(
             "ggx", lambda alpha: GGX(alpha), {"alpha": (0.05, 1.0)},
             "D G / (4 (N.L)(N.V)), height-correlated", "Trowbridge & Reitz 1975, Walter et al. 2007",
+        ),
+        _transmits(
+            "lambert-transmission",
+            lambda albedo, through: LambertTransmission(albedo * (1 - through), albedo * through),
+            {"albedo": (0.0, 1.0), "through": (0.0, 1.0)},
+            "albedo (1 - through) / pi, and through the surface albedo through / pi", "Lambert 1760, on both sides",
+        ),
+        _transmits(
+            "thin-sheet", lambda index, clear: ThinSheet(index, clear), {"index": (1.05, 2.5), "clear": (0.0, 1.0)},
+            "R = F + T F a, T = (1-F)^2 a / (1 - F^2 a^2), a = clear^(1/cos)", "Fresnel, all reflections between two faces",
+        ),
+        _transmits(
+            "dielectric", lambda eta: SmoothDielectric(eta), {"eta": _INDICES},
+            "R = F, T = 1 - F, with total reflection", "Fresnel, unpolarised",
+        ),
+        _transmits(
+            "rough-dielectric-beckmann", lambda alpha, eta: RoughDielectric(alpha, eta, "beckmann"), _ROUGH,
+            _BOUNDARY,
+            "Walter et al. 2007, Beckmann facets, Smith masking",
+        ),
+        _transmits(
+            "rough-dielectric-ggx", lambda alpha, eta: RoughDielectric(alpha, eta, "ggx"), _ROUGH,
+            _BOUNDARY,
+            "Walter et al. 2007, GGX facets, Smith masking",
         ),
         _published(
             "binomial-power-raw", lambda n: BinomialPower(n), _POWERS, "max(0, 1 + (n/16)(N.H - 1))^16", _PROPOSAL,

@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe, as_parameter, core_of
+from brdfcheck.brdf.base import AbstractBRDF, AbstractHalves, AbstractMicrofacetLobe, AbstractZonalLobe, as_parameter, core_of
 from brdfcheck.messages import UsageError
 
 _TINY = 1e-18
@@ -204,7 +204,7 @@ class PerCosine(AbstractBRDF):
 
 def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
     """True where the albedo of `brdf` can be computed inside a JAX program (engines 1 and 2)."""
-    return isinstance(brdf, AbstractBRDF) and isinstance(brdf.core, (AbstractZonalLobe, AbstractMicrofacetLobe))
+    return isinstance(brdf, AbstractBRDF) and isinstance(brdf.core, (AbstractZonalLobe, AbstractMicrofacetLobe, AbstractHalves))
 
 
 def refuse_batched(brdf: Any) -> None:

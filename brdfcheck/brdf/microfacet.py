@@ -60,6 +60,19 @@ def fresnel_schlick(cosine: Float[Array, "..."], f0: Float[Array, "..."]) -> Flo
     return f0 + (1 - f0) * (1 - cosine) ** 5
 
 
+def boundary_reflectance(cosine: Float[Array, "..."], index: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Unpolarised reflectance of a smooth boundary at the cosine on the near side; 1 past total internal reflection.
+
+    `index`: of the far side over that of the near side, > 0. Shapes broadcast.
+    """
+    square = 1 - (1 - cosine * cosine) / (index * index)
+    passes = square > 0
+    behind = jnp.sqrt(jnp.where(passes, square, 1))
+    # The same from both sides: a function of the cosine on the thinner one, which is the smaller.
+    share = fresnel_dielectric(jnp.minimum(cosine, behind), ((index - 1) / (index + 1)) ** 2)
+    return jnp.where(passes, share, 1)
+
+
 FRESNELS = {"dielectric": fresnel_dielectric, "schlick": fresnel_schlick}
 
 

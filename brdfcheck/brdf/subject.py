@@ -202,24 +202,27 @@ def family_of(
     value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
 ) -> Target:
     """A callable, known as `spec`, as a `Target`; `reading`: what it returns. UsageError as for `as_target`."""
-    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
     from brdfcheck.brdf.callables import constant
     from brdfcheck.brdf.factors import refuse_batched, varied
     from brdfcheck.brdf.family import Family, interval
+    from brdfcheck.brdf.two_sides import BELOW, FunctionBSDF, both_sides
 
     if isinstance(value, AbstractFile):
         return Target(value.family(ranges, cos_theta, no_parameter), None, value.path, value.line)
     cosines = (0.0, 1.0) if cos_theta is None else cos_theta
     ranges = {name: interval(name, bounds) for name, bounds in ranges.items()}
-    file = split_spec(spec)[0] if is_file_spec(spec) else None
-    if isinstance(value, AbstractBRDF):
-        refuse_batched(value)
-        build = varied(value, tuple(ranges)) if ranges else constant(value)
-        family = Family(spec, _returning(build, reading), ranges, cosines)
-        return Target(family, _refusal(family, user=True), file, line_of(value, spec))
     value = directional(value)
     signature = signature_of(value)
-    if not ranges and inspect.isclass(value) and issubclass(value, AbstractBRDF):
+    # Of what transmits it is the side of the light, which no BSDF has as a parameter of its own.
+    sides = None if BELOW in signature.names or signature.open else ranges.pop(BELOW, None)
+    file = split_spec(spec)[0] if is_file_spec(spec) else None
+    if isinstance(value, (AbstractBRDF, AbstractBSDF)) and not isinstance(value, FunctionBSDF):
+        refuse_batched(value)
+        build = varied(value, tuple(ranges)) if ranges else constant(value)
+        family = both_sides(Family(spec, _returning(build, reading), ranges, cosines), sides)
+        return Target(family, _refusal(family, user=True), file, line_of(value, spec))
+    if not ranges and inspect.isclass(value) and issubclass(value, (AbstractBRDF, AbstractBSDF)):
         ranges = {name: USUAL_RANGES[name] for name in signature.required if name in USUAL_RANGES}
     unknown = [name for name in ranges if name not in signature.names]
     if unknown and not signature.open:
@@ -256,7 +259,7 @@ def family_of(
 
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
-    family = Family(spec, _returning(build, reading), swept, cosines, held)
+    family = both_sides(Family(spec, _returning(build, reading), swept, cosines, held), sides)
     return Target(family, _refusal(family, user=True), file, line_of(value, spec))
 
 
@@ -274,11 +277,15 @@ def _returning(build: Callable[..., Any], reading: Reading | None) -> Callable[.
 
 def _builder(value: Callable[..., Any], held: Mapping[str, float], *, is_function: bool, bound: bool) -> Callable[..., Any]:
     """What makes a BRDF of swept parameters. `bound`: the parameters go to f(wi, wo, **parameters) itself."""
+    from brdfcheck.brdf.two_sides import FunctionBSDF
 
     def from_factory(**parameters: Any) -> Any:
         return value(**parameters, **held)
 
     def from_function(**parameters: Any) -> Any:
+        if isinstance(value, FunctionBSDF):
+            return value.holding(**parameters, **held)
+
         def brdf(wi: Any, wo: Any) -> Any:
             return value(wi, wo, **parameters, **held)
 
@@ -316,7 +323,8 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
     is left to other BRDFs of the command.
     """
     from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.family import Family, interval
+    from brdfcheck.brdf.family import interval
+    from brdfcheck.brdf.two_sides import BELOW, checked_sides
 
     family = catalog.entry(name).family
     known = {parameter: bounds for parameter, bounds in ranges.items() if parameter in family.ranges}
@@ -328,8 +336,10 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
         brdf = family.build(**parameters)
         return brdf.with_core(dataclasses.replace(brdf.core, **held))
 
-    angles = family.cos_theta if cos_theta is None else cos_theta
-    target = Target(Family(name, build if held else family.build, {**family.ranges, **known}, angles, held))
+    if BELOW in known and BELOW in family.switches:
+        checked_sides(name, known[BELOW])
+    changed: dict[str, Any] = {"build": build if held else family.build, "ranges": {**family.ranges, **known}, "held": held}
+    target = Target(dataclasses.replace(family, cos_theta=family.cos_theta if cos_theta is None else cos_theta, **changed))
     if known or held:
         _refusal(target.family, user=False)
     return target
@@ -340,12 +350,12 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
 
     `modules`: users' Python files loaded so far, which load only once; `reading`: how shader files are read. Raises UsageError.
     """
-    from brdfcheck.brdf import catalog, lobes, microfacet
-    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf import catalog, lobes, microfacet, transmission
+    from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 
     if name not in catalog.names():
-        found = getattr(lobes, name, getattr(microfacet, name, None))
-        if inspect.isclass(found) and issubclass(found, AbstractBRDF) and not inspect.isabstract(found):
+        found = next((part for room in (lobes, microfacet, transmission) if (part := getattr(room, name, None))), None)
+        if inspect.isclass(found) and issubclass(found, (AbstractBRDF, AbstractBSDF)) and not inspect.isabstract(found):
             return found, name
         if is_file_spec(name):
             return load_file(name, Reading() if reading is None else reading, modules)
@@ -364,15 +374,19 @@ def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
 
 
 def resolve(
-    names: Iterable[str], ranges: Mapping[str, Range | Values], cos_theta: Range | None, reading: Reading | None = None
+    names: Iterable[str],
+    ranges: Mapping[str, Range | Values],
+    cos_theta: Range | None,
+    reading: Reading | None = None,
+    modules: dict[str, ModuleType] | None = None,
 ) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
     A user's Python file is imported here, once, however many of its objects are named; ``file.py:*`` names all that it offers.
     Of a parameter that has several `Values` each makes a target of its own; of a vector they are the components. `reading`:
-    how shader files are read. Raises UsageError.
+    how shader files are read; `modules`: users' Python files loaded so far, which load only once. Raises UsageError.
     """
-    modules: dict[str, ModuleType] = {}
+    modules = {} if modules is None else modules
     every = list(dict.fromkeys(part for name in names for part in _spread(name, modules)))
     known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
     return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)

@@ -64,11 +64,12 @@ app = typer.Typer(
     help="Does this BRDF conserve energy?",
     epilog="""\b
 Examples:
-  brdfcheck check                        the gate: the BRDFs of your project, or every validated one
+  brdfcheck check                        the gate: your project's BRDFs, or all validated ones
   brdfcheck check phong ggx              two of them
   brdfcheck check mine.py:glossy         a BRDF of your own
   brdfcheck init                         a list of your project's BRDFs, for check
   brdfcheck audit                        what the literature claims, measured
+  brdfcheck view mine.py:glossy          the same, as a page to look through
   brdfcheck certify blinn-phong-6        a proof, as a certificate to check again
   brdfcheck fit blinn-phong              the factor that normalises a lobe
   brdfcheck table ggx -o E.exr           a renderer's table, or functions for it

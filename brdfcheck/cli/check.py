@@ -30,6 +30,7 @@ from brdfcheck.cli.app import (
     start,
 )
 from brdfcheck.cli.output import Output
+from brdfcheck.cli.reports import Badge, Files, Html, JUnit, Sarif
 from brdfcheck.cores import available_cores
 from brdfcheck.gate.cache import Verdicts
 from brdfcheck.gate.requests import Case, Request, evaluated
@@ -79,6 +80,7 @@ Examples:
   brdfcheck check
   brdfcheck check blinn-phong --over n=1:50
   brdfcheck check -k phong --json results.json --junitxml results.xml
+  brdfcheck check mine.py:glossy --over n=1:1000 --html report.html --sarif results.sarif
   brdfcheck check mine.py:glossy --over n=1:1000 --over ks=0:1
   brdfcheck check mine.py:* --over n=1,10,100 --quiet
   brdfcheck check mine.py:measured --cos-theta 0.02:1 --json -
@@ -100,7 +102,7 @@ Exit codes:
      undecided, or have findings    5  nothing to check
   2  interrupted""",
 )
-def _check(
+def check_command(
     names: Annotated[
         list[str] | None,
         typer.Argument(
@@ -121,9 +123,10 @@ def _check(
     rtol: Rtol = None,
     substring: Filter = "",
     json: Json = None,
-    junitxml: Annotated[
-        str | None, typer.Option("--junitxml", metavar="FILE", parser=words.file(), help="Write the results as JUnit XML.")
-    ] = None,
+    junitxml: JUnit = None,
+    sarif: Sarif = None,
+    badge: Badge = None,
+    html: Html = None,
     effort: CheckEffort = None,
     jobs: Jobs = None,
     config: project.Config = None,
@@ -141,7 +144,7 @@ def _check(
     or that the search did not settle. Also checks reciprocity, sign and finiteness. Without names it checks
     what the project's pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
     """
-    words.refuse_same({"--json": json, "--junitxml": junitxml})
+    files = Files(json, junitxml, sarif, badge, html)
     how, ranges = reading(define, include, args, returns), words.together(over, lists=True)
     options = {"tolerance": tolerance, "rtol": rtol, "effort": effort}
     gate = None if names else project.gate(config, no_config)
@@ -174,14 +177,14 @@ def _check(
     start()
     verdicts = Verdicts(not no_cache and (gate is None or gate.document.cache))
     with contextlib.redirect_stdout(sys.stderr):
-        known = [verdicts.found(request) for request in requests]
+        known, modules = [verdicts.found(request) for request in requests], {}
         cases = [
             case
             for request, found in zip(requests, known, strict=True)
-            for case in (cases_of(request) if found is None else found)
+            for case in (cases_of(request, modules) if found is None else found)
         ]
         start()  # a user's file may have changed the precision
-    work = _Work("check", cases, settings, Output(json, quiet=quiet), began, junitxml, quiet, verdicts)
+    work = _Work("check", cases, settings, Output(json, quiet=quiet), began, files, quiet, verdicts)
     return _run(work, gate if update_baseline else None)
 
 
@@ -192,12 +195,14 @@ Examples:
   brdfcheck audit
   brdfcheck audit -k cook-torrance
   brdfcheck audit --json audit.json
+  brdfcheck audit --html audit.html
 
 Exits with 0 whatever the verdicts are: it reports on the literature.""",
 )
 def _audit(
     substring: Filter = "",
     json: Json = None,
+    html: Html = None,
     tolerance: Tolerance = 1e-9,
     rtol: Rtol = None,
     effort: Effort = "normal",
@@ -205,6 +210,7 @@ def _audit(
     debug: Debug = False,
 ) -> int:
     """What the literature claims about its BRDFs, and what is measured."""
+    files = Files(json=json, html=html)
     began = time.perf_counter()
     start()
     from brdfcheck.brdf import catalog
@@ -214,7 +220,7 @@ def _audit(
     options: Any = {"tolerance": tolerance, "rtol": rtol, "effort": effort}
     cases = [Case(Request((name,), **options), name, None, None, name, Target(catalog.entry(name).family)) for name in names]
     settings = _settings(substring, tolerance, rtol, effort, jobs)
-    return _run(_Work("audit", cases, settings, Output(json), began), None)
+    return _run(_Work("audit", cases, settings, Output(json), began, files), None)
 
 
 def _settings(
@@ -237,14 +243,14 @@ def _settings(
 
 @dataclass(frozen=True)
 class _Work:
-    """What a command is to do: evaluate the cases, print and write. `junit`: where to; `verdicts`: the cache."""
+    """What a command is to do: evaluate the cases, print and write `files`. `verdicts`: the cache."""
 
     command: str
     cases: Sequence[Case]
     settings: dict[str, Any]
     output: Output
     began: float
-    junit: str | None = None
+    files: Files
     quiet: bool = False
     verdicts: Verdicts | None = None
 
@@ -297,11 +303,8 @@ def _run(work: _Work, gate: Gate | None) -> int:
                 place: Any = {"file": case.file, "line": case.line, "kind": "warning" if report.passed else "error"}
                 text = report.notes[-1] if report.passed else console.message(report)
                 output.line(records.github_error(f"brdfcheck: {report.name}", text, **place))
-    if work.junit:
-        messages = [console.message(report) for report in reports]
-        classes = ["brdfcheck.user" if case.file else "brdfcheck.catalog" for case in cases]
-        text = records.to_junit(reports, messages, seconds=seconds, classnames=classes)
-        output.save(work.junit, text, "--junitxml")
+    with contextlib.redirect_stdout(sys.stderr):  # a user's code may print while it is drawn
+        work.files.write(output, cases, reports, jobs=settings["jobs"], seconds=seconds, exit_code=code, claims=claims or None)
     pairs = list(zip(cases, reports, strict=True))
     summary = {**counts, "seconds": seconds, "exit_code": int(code)}
     output.write_json(

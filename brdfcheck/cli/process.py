@@ -14,15 +14,15 @@ from typing import Any, NoReturn
 import typer
 
 # Importing a command's module adds it to the app.
-from brdfcheck.cli import budget, certify, check, fit, init, listing, plot, render, study, sweep, table
+from brdfcheck.cli import budget, certify, check, fit, init, listing, plot, render, study, sweep, table, view
 from brdfcheck.cli.app import ExitCode, NothingToCheck, Task, app
 from brdfcheck.cli.output import discard, open_streams, unfailing
 from brdfcheck.interruption import leave
 from brdfcheck.messages import UsageError, one_line
 
-_COMMANDS = (budget, certify, check, fit, init, listing, plot, render, study, sweep, table)
+_COMMANDS = (budget, certify, check, fit, init, listing, plot, render, study, sweep, table, view)
 # As one meets them, which is how they are listed.
-_ORDER = ("check", "init", "audit", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
+_ORDER = ("check", "init", "audit", "view", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
 app.registered_commands.sort(key=lambda command: _ORDER.index(str(command.name)))
 _STOPPED = 130  # what typer makes of KeyboardInterrupt, if not its Abort
 

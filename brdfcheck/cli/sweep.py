@@ -12,6 +12,7 @@ import typer
 
 from brdfcheck.cli.app import Debug, Define, ExitCode, Include, Returns, Roles, Task, app, reading, start
 from brdfcheck.cli.output import Output, left_clean
+from brdfcheck.cli.reports import Html, versions
 from brdfcheck.interruption import Cleanup, say
 from brdfcheck.messages import UsageError
 
@@ -30,6 +31,7 @@ _KEPT = "the chunks computed so far are kept: the same command goes on from here
 Examples:
   brdfcheck sweep config.toml --dry-run
   brdfcheck sweep config.toml --out albedo.zarr
+  brdfcheck sweep config.toml --out albedo.zarr --html albedo.html
   brdfcheck sweep config.toml --out albedo.zarr --scheduler tcp://10.0.0.1:8786
 
 \b
@@ -60,6 +62,7 @@ def _sweep(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print size, cells and an estimate; create nothing.")] = False,
     repair: Annotated[bool, typer.Option("--repair", help="Write again what is damaged in the store.")] = False,
+    html: Html = None,
     define: Define = None,
     include: Include = None,
     args: Roles = None,
@@ -71,10 +74,14 @@ def _sweep(
     The store holds albedo, error, evaluations, and seconds per chunk; xarray.open_zarr opens it.
     """
     how = reading(define, include, args, returns)
-    return Task(lambda: _run(config, how, out, scheduler, dry_run=dry_run, repair=repair), debug)
+    return Task(lambda: _run(config, how, out, scheduler, html, dry_run=dry_run, repair=repair), debug)
 
 
-def _run(config: str, how: Reading, out: str | None, scheduler: str | None, *, dry_run: bool, repair: bool) -> int:
+def _run(
+    config: str, how: Reading, out: str | None, scheduler: str | None, html: str | None, *, dry_run: bool, repair: bool
+) -> int:
+    if html is not None and dry_run:
+        raise UsageError("--html is made of a store that is filled; --dry-run fills none")
     if out is None and not dry_run:
         raise UsageError("--out: say where the store shall be, as in --out albedo.zarr")
     if out is not None and not out.strip():
@@ -125,6 +132,11 @@ def _run(config: str, how: Reading, out: str | None, scheduler: str | None, *, d
         output.line(f"repaired  {summary.repaired} damaged or missing parts")
     if faults and not without:
         output.line(f"{out}: {faults}")
+    if html is not None:
+        from brdfcheck.sweep.pages import sweep_page
+
+        assert out is not None
+        output.save(html, sweep_page(out, provenance=versions()), "--html")
     return ExitCode.FAILED if without else ExitCode.PASSED
 
 

@@ -129,7 +129,7 @@ def _table(
     json: Json = None,
     debug: Debug = False,
 ) -> int:
-    """Tables for renderers: directional and average albedo, split sum, compensation; or small functions in their place.
+    """Tables for renderers: albedos, split sum, compensation.
 
     Each cell is integrated, with an error bar; nothing is clamped.
     """

@@ -37,7 +37,7 @@ FORMAT = 1
 _PACKAGES = (
     "jax", "jaxlib", "numpy", "scipy", "equinox", "jaxtyping", "optimistix", "lineax", "pcpp", "python-flint", "MaterialX",
 )  # fmt: skip
-_VARIABLES = ("JAX_", "XLA_", "CUDA_VISIBLE_DEVICES", "MATERIALX_", "JAXTYPING_", "EQX_")
+_VARIABLES = ("JAX_", "XLA_", "CUDA_VISIBLE_DEVICES", "JAXTYPING_", "EQX_")
 # What tests may change in JAX, as it is for everybody else.
 _USUAL = {
     "jax_numpy_dtype_promotion": "standard",

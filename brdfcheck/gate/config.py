@@ -16,24 +16,23 @@ that is heavy.
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Strict, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Strict, Tag, field_validator, model_validator
 
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import ReadingTable, beside
 from brdfcheck.brdf.values import Range, Values, components
-from brdfcheck.documents import Model, read_document, validated
+from brdfcheck.documents import Model, read_document, shown, validated
 from brdfcheck.gate.requests import Request
+from brdfcheck.messages import UsageError
 
 OWN, SHARED = "brdfcheck.toml", "pyproject.toml"
 """Where the subjects of a project are looked for, in this order."""
-EFFORTS = ("quick", "normal", "thorough")
 
 _Bounds = Annotated[tuple[float, float], Strict(False)]
 _Numbers = Annotated[list[float], Strict(False)]
@@ -64,22 +63,54 @@ class Known(Model):
     def _something(self) -> Known:
         if self.violates is None and not self.undecided and not self.findings:
             raise ValueError("must say what is accepted: violates = ALBEDO, undecided = true or findings = [CHECK, ...]")
-        if self.violates is not None and math.isnan(self.violates):
-            raise ValueError("violates must be a number above 1, or inf")
         return self
 
 
+def _like(words: str, *fits: Callable[[Any], bool]) -> BeforeValidator:
+    """Refuses what none of these fits, with `words`: of alternatives pydantic would name but one."""
+
+    def checked(given: Any) -> Any:
+        if not any(fit(given) for fit in fits):
+            raise ValueError(words)
+        return given
+
+    return BeforeValidator(checked)
+
+
+def _is_table(given: Any) -> bool:
+    return isinstance(given, Mapping | Model)
+
+
+def _is_list(least: int, most: int) -> Callable[[Any], bool]:
+    return lambda given: isinstance(given, list | tuple) and least <= len(given) <= most
+
+
+_Over = Annotated[
+    Annotated[Each, Tag("table")] | Annotated[_Bounds, Tag("list")],
+    Discriminator(lambda given: "table" if _is_table(given) else "list"),
+    _like("must be a range [LO, HI], or { values = [...] }; one value is for hold", _is_table, _is_list(2, 2)),
+]
+_Held = Annotated[
+    Annotated[bool, Tag("bool")] | Annotated[float, Tag("number")] | Annotated[_Numbers, Tag("list")],
+    Discriminator(lambda given: "bool" if isinstance(given, bool) else "list" if isinstance(given, list | tuple) else "number"),
+    _like(
+        "must be a number, true or false, or the 2 to 4 components of a vector",
+        lambda given: isinstance(given, bool | int | float),
+        _is_list(2, 4),
+    ),
+]
 _Expected = Annotated[
     Annotated[Known, Tag("table")] | Annotated[Literal["conserves"], Tag("text")],
-    Discriminator(lambda given: "table" if isinstance(given, Mapping | Known) else "text"),
+    Discriminator(lambda given: "table" if _is_table(given) else "text"),
+    _like('must be "conserves" or { violates = ALBEDO, reason = "..." }', _is_table, lambda given: given == "conserves"),
 ]
 
 
 class Options(Model):
     """How a BRDF is checked: what a subject and the marker of pytest say of one."""
 
-    over: dict[str, _Bounds | Each] = {}  # noqa: RUF012
-    hold: dict[str, bool | float | _Numbers] = {}  # noqa: RUF012
+    over: dict[str, _Over] = {}  # noqa: RUF012
+    hold: dict[str, _Held] = {}  # noqa: RUF012
     cos_theta: _Bounds | None = None
     tolerance: _Tolerance | None = None
     rtol: _Rtol | None = None
@@ -107,9 +138,6 @@ class Options(Model):
         for name in self.over:
             if name in self.hold:
                 raise ValueError(f"{name} is both in over and in hold")
-        for name, value in self.hold.items():
-            if isinstance(value, list) and not 2 <= len(value) <= 4:
-                raise ValueError(f"hold: {name}: a vector has 2 to 4 components; got {len(value)}")
         return self
 
     def ranges(self) -> dict[str, Range | Values]:
@@ -201,6 +229,8 @@ def read(path: str | Path) -> Gate | None:
         prefix = ("tool", "brdfcheck")
         for key in prefix:
             document = document.get(key, {})
+            if not isinstance(document, dict):
+                raise UsageError(f"{label}: {key} must be a table; got {shown(document)}")
         if not document:
             return None
         label = f"{label}: [tool.brdfcheck]"

@@ -11,6 +11,7 @@ import shlex
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck.brdf.readers.base import Reading
@@ -136,13 +137,16 @@ def evaluated(case: Case, say: Callable[[str], None]) -> Report:
         return unusable(target.family, text, seconds=time.perf_counter() - began, **options)
 
 
-def cases(request: Request) -> list[Case]:
-    """The BRDFs of a request, whose files are read now. UsageError, which begins with the request's label."""
+def cases(request: Request, modules: dict[str, ModuleType] | None = None) -> list[Case]:
+    """The BRDFs of a request, whose files are read now. UsageError, which begins with the request's label.
+
+    `modules`: users' Python files loaded so far, which load only once.
+    """
     from brdfcheck.brdf import catalog
     from brdfcheck.brdf.subject import resolve
 
     try:
-        targets = resolve(request.names, request.over, request.cos_theta, request.reading)
+        targets = resolve(request.names, request.over, request.cos_theta, request.reading, modules)
     except UsageError as error:
         if not request.label:
             raise

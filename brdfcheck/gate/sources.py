@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -25,10 +26,14 @@ PURE = frozenset((
 # Names of Python, and in those packages, by which a file reaches beyond itself, or changes what others do.
 _BUILTINS = frozenset(("__import__", "breakpoint", "compile", "eval", "exec", "globals", "hash", "id", "input", "open"))
 _REACHING = frozenset((
-    "DataSource", "check", "config", "ctypeslib", "datasets", "environ", "f2py", "fromfile", "genfromtxt", "io",
-    "io_callback", "lib", "load", "loadtxt", "memmap", "misc", "open_memmap", "pure_callback", "random", "register",
-    "render", "seterr", "sweep", "testing",
+    "DataSource", "albedo_table", "as_family", "as_target", "assert_conserves", "budget", "budgets", "catalog", "certify",
+    "check", "config", "ctypeslib", "datasets", "environ", "f2py", "factor_ladder", "fit_factor", "fromfile", "fromregex",
+    "genfromtxt", "io", "io_callback", "lib", "load", "load_file", "loadtxt", "memmap", "misc", "open", "open_memmap",
+    "pure_callback", "random", "readers", "register", "render", "resolve", "scene", "seterr", "sweep", "testing",
+    "tree_deserialise_leaves",
 ))  # fmt: skip
+# Endings of files of which the includes are all that they read.
+_SHADERS = frozenset((".brdf", ".frag", ".fs", ".glsl", ".glslf", ".hlsl", ".slang"))
 _INCLUDE = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">]")
 
 
@@ -45,19 +50,23 @@ def sources(names: Iterable[str], folders: Iterable[str] = ()) -> dict[str, Path
     for name in names:
         if name.startswith("mitsuba:"):
             raise Doubt("it is a plug-in of Mitsuba, whose files are not known")
+        path = Path(split_spec(name)[0])
+        suffix = path.suffix.lower()
+        if name.startswith("materialx:") or suffix == ".mtlx":
+            if any(variable.startswith("MATERIALX_") for variable in os.environ):
+                raise Doubt("the environment says where MaterialX looks for more")
+            if suffix == ".mtlx" and "include" in _text(path).lower():
+                raise Doubt(f"{path} includes other documents")
         if name.startswith("materialx:") or not is_file_spec(name):
             continue
-        path = Path(split_spec(name)[0])
-        if path.suffix == ".py":
+        if suffix == ".py":
             found |= _python(path)
-        elif path.suffix == ".mtlx":
-            if "include" in _text(path):
-                raise Doubt(f"{path} includes other documents")
-            found[path.name] = path
-        elif path.suffix in TABLES:
+        elif suffix in _SHADERS:
+            found |= _shader(path, [Path(folder) for folder in folders])
+        elif suffix in (".mtlx", *TABLES):
             found[path.name] = path
         else:
-            found |= _shader(path, [Path(folder) for folder in folders])
+            raise Doubt(f"{path} is of a kind whose files are not known")
     return found
 
 

@@ -42,11 +42,13 @@ class _Effort:
     rtol: float | None
 
 
+# Cosines of a heat map at least, but of a function that is called pair by pair: with fewer its contours are polygons.
+_MAP_COSINES = 17
 # By `PointwiseAlbedo.effort`.
 _EFFORTS = (
     _Effort(241, 33, 129, 3, 1, None),
     _Effort(61, 21, 97, 2, 1, None),
-    _Effort(25, 9, 33, 1, 4, 1e-6),
+    _Effort(49, 9, 97, 1, 4, 1e-6),
     _Effort(17, 7, 25, 1, 4, 1e-6),
 )
 
@@ -147,7 +149,8 @@ def heatmap(
     worst = _supremum(albedo)
     marks = [worst.parameters[parameter], *(end for interval in worst.above or () for end in interval)]
     x = _between(low, high, (effort.exponents + 1) // 2 if samples is None else samples, marks)
-    mu = np.unique(np.append(_cosines(family.cos_theta, effort.cosines), worst.cos_theta))
+    cosines = effort.cosines if albedo.one_by_one else max(effort.cosines, _MAP_COSINES)
+    mu = np.unique(np.append(_cosines(family.cos_theta, cosines), worst.cos_theta))
     places = _places(family, parameter, np.repeat(x, len(mu)))
     value, error = _over_azimuths(albedo, effort, places, np.tile(mu, len(x)))
     value, error = value.reshape(len(x), len(mu)), error.reshape(len(x), len(mu))
@@ -421,4 +424,6 @@ def _intervals(
         root: Any = brentq  # its stub knows numpy scalars only
         return root(excess, x[i], x[i + 1], xtol=xtol, rtol=1e-12, maxiter=60, disp=False) if crosses else x[i + 1]
 
-    return tuple(stretches(x, value - error > 1 + TOLERANCE, edge))
+    with np.errstate(invalid="ignore"):  # where it grows without bound so does its error
+        least = np.where(value == np.inf, np.inf, value - error)
+    return tuple(stretches(x, least > 1 + TOLERANCE, edge))

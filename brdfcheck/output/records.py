@@ -173,10 +173,18 @@ def xml_text(text: str) -> str:
     return _NOT_XML.sub("?", text)
 
 
-def to_junit(reports: Sequence[Report], messages: Sequence[str], *, seconds: float, classnames: Sequence[str]) -> str:
+def to_junit(
+    reports: Sequence[Report],
+    messages: Sequence[str],
+    *,
+    seconds: float,
+    classnames: Sequence[str],
+    places: Sequence[tuple[str | None, int | None]] | None = None,
+) -> str:
     """JUnit XML: one test case for each report, in which `messages` says in one line what was found.
 
-    A BRDF that could not be evaluated is an error, any other one that did not pass a failure.
+    `places`: file and line where each BRDF is defined, as attributes of its test case (None: not known). A BRDF that could not
+    be evaluated is an error, any other one that did not pass a failure.
     """
     errors = sum(math.isnan(report.albedo) for report in reports)
     failures = sum(not report.passed for report in reports) - errors
@@ -196,13 +204,16 @@ def to_junit(reports: Sequence[Report], messages: Sequence[str], *, seconds: flo
     properties = ElementTree.SubElement(suite, "properties")
     for name, value in versions().items():
         ElementTree.SubElement(properties, "property", {"name": name, "value": value})
-    for report, message, classname in zip(reports, messages, classnames, strict=True):
+    places = [(None, None)] * len(reports) if places is None else places
+    for report, message, classname, (file, line) in zip(reports, messages, classnames, places, strict=True):
         case = ElementTree.SubElement(
             suite,
             "testcase",
             {
                 "classname": xml_text(classname),
                 "name": xml_text(report.name),
+                **({} if file is None else {"file": xml_text(file)}),
+                **({} if line is None else {"line": str(line)}),
                 "time": f"{report.seconds:.3f}",
             },
         )
@@ -214,6 +225,25 @@ def to_junit(reports: Sequence[Report], messages: Sequence[str], *, seconds: flo
         ElementTree.SubElement(case, "system-out").text = xml_text(message)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+# --- badge ---
+
+
+def badge(counts: Mapping[str, int]) -> dict[str, Any]:
+    """A badge in the JSON that shields.io takes from an endpoint (schema version 1); `counts` as `count` gives them."""
+    total = counts["conserve"] + counts["violate"] + counts["undecided"]
+    if counts["violate"]:
+        message, color = f"{counts['violate']} of {total} {'violates' if counts['violate'] == 1 else 'violate'}", "red"
+    elif counts["undecided"]:
+        message, color = f"{counts['undecided']} of {total} undecided", "yellow"
+    elif counts["with_findings"]:
+        message, color = f"{counts['with_findings']} of {total} with findings", "orange"
+    else:
+        message, color = "conserved" if total == 1 else f"{total} conserve", "brightgreen"
+    if not counts["failed"] and counts["known"]:
+        message, color = f"{message}, known", "green"
+    return {"schemaVersion": 1, "label": "energy", "message": message, "color": color}
 
 
 # --- GitHub ---

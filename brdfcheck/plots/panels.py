@@ -132,9 +132,9 @@ def _draw(
         middle = float(np.mean(np.clip(known, -10, 10))) if known.size else 0.0
         labels.append(paper.Label(paper.label_of(curve), style, float(known[-1]) if known.size else math.nan, middle))
     paper.note(lowest, lines)
-    if title:
-        (strip or axes).set_title(title, pad=10)
     paper.direct_labels(axes, labels)
+    if title:
+        paper.title_above(strip or axes, title)
 
 
 def _label(curve: Mapping[str, Any], curves: Curves) -> str:

@@ -202,13 +202,32 @@ def albedo_axis(
             x = floats(curve["x"])
             index = int(np.argmax(np.where(np.isnan(value), -np.inf, value)))
             axis = "cos θ" if curve["kind"] == "albedo-vs-angle" else curve["parameter"]
-            said.append(f"{label_of(curve)} reaches {text_of(float(value[index]), 3)} at {axis} = {text_of(x[index], 4)}")
+            # Where the search has found no bound, the largest sample is as large as it happens to be.
+            endless = np.isinf(value[index]) or math.isinf(float((curve.get("largest") or {}).get("albedo", 0)))
+            what = "grows without bound" if endless else f"reaches {text_of(float(value[index]), 3)}"
+            said.append(f"{label_of(curve)} {what} {'towards' if endless else 'at'} {axis} = {text_of(x[index], 4)}")
         elif np.any(np.isnan(value)) and not np.any(np.isfinite(value)):
             said.append(f"{label_of(curve)} is not a number")
     if not said:
         return []
     more = [f"and {len(said) - 4} more curves leave it"] if len(said) > 4 else []
     return [f"axis cut at {text_of(limits[1])}:", *(f"{line} ↑" for line in said[:4]), *more]
+
+
+def title_above(axes: Axes, text: str) -> None:
+    """A title that stays within the figure: in several lines where it is long. Names beside the axes must be drawn before."""
+    figure: Any = axes.figure
+    title = axes.set_title(text, pad=10)
+    for characters in range(len(text), 7, -1):
+        figure.draw_without_rendering()
+        extent, page = title.get_window_extent(), figure.bbox
+        over = max(page.x0 - extent.x0, extent.x1 - page.x1)
+        if over <= 0:
+            return
+        # What is too long is so on the longest line, which is in the middle.
+        longest = max(map(len, title.get_text().split("\n")))
+        fits = int(longest * (1 - 2 * over / extent.width))
+        title.set_text("\n".join(textwrap.wrap(text, max(min(fits, characters), 8), break_on_hyphens=False)))
 
 
 def note(axes: Axes, lines: Sequence[str]) -> None:

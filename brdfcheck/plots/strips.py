@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from brdfcheck.plots.paper import along, degrees, keep_width, label_of, name_beside, text_of
+from brdfcheck.plots.paper import along, degrees, keep_width, name_beside, text_of
 from brdfcheck.plots.styles import Style, ink
 
 Interval = tuple[float, float]
@@ -23,7 +23,7 @@ _ROW = 0.30  # inches a row
 class Violation:
     """A BRDF that exceeds 1 and where; the ends that are ends of the range, not of the violation, are `edges`."""
 
-    name: str  # empty where the figure has one curve
+    sampled: bool  # not where the figure has one curve
     style: Style
     intervals: list[Interval]
     edges: Interval  # ends of the range
@@ -34,7 +34,7 @@ def violations(curves: Sequence[Mapping[str, Any]], look: Sequence[Style], edges
     """The curves that exceed 1, in the order of the curves."""
     return [
         Violation(
-            label_of(curve) if len(curves) > 1 else "",
+            len(curves) > 1,
             style,
             [(float(low), float(high)) for low, high in curve["above"]],
             edge,
@@ -61,7 +61,7 @@ def frame(found: Sequence[Violation], height: float, below: float = 0.0) -> tupl
 
 
 def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], words: str, angles: bool = False) -> None:
-    """Shade where the law is broken, and draw the strip that names the ends. Limits must be set, labels drawn before."""
+    """Shade where the law is broken, and draw the strip that gives the ends. Limits must be set, labels drawn before."""
     if strip is None:
         return
     strip.set_ylim(len(found), 0)
@@ -91,7 +91,7 @@ def _tinted(violation: Violation, found: Sequence[Violation]) -> bool:
 
 
 def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, tinted: bool, angles: bool) -> list[Any]:
-    """The bars of one BRDF, its name on the right, the shading below; returns the texts over the bars."""
+    """The bars of one BRDF, a sample of its line on the right, the shading below; returns the texts over the bars."""
     color = violation.style.color
     narrow = 0.004 * abs(np.subtract(*axes.get_xlim())) if axes.get_xscale() == "linear" else 0.0
     texts = []
@@ -115,8 +115,8 @@ def _row(axes: Axes, strip: Axes, row: int, violation: Violation, few: bool, tin
                 ha="center", va="bottom", fontsize=7.5, color=ink(color), annotation_clip=False,
             )
         )  # fmt: skip
-    if violation.name:
-        name_beside(strip, violation.name, violation.style, 1 - (row + 0.80) / strip.get_ylim()[0])
+    if violation.sampled:  # its name is at the end of its curve, and once is enough
+        name_beside(strip, "", violation.style, 1 - (row + 0.80) / strip.get_ylim()[0])
     return texts
 
 

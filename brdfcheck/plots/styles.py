@@ -32,6 +32,7 @@ LOBES: dict[str, tuple[str, str]] = {
     "Cook-Torrance": ("#000000", "X"),
     "Beckmann-Smith": ("#332288", "p"),
     "GGX": ("#663311", "*"),
+    "dielectric": ("#117777", "H"),
 }
 DASHES: tuple[Dashes, ...] = (
     (),
@@ -76,6 +77,11 @@ VARIANTS: dict[str, tuple[str, int]] = {
     "beckmann-smith": ("Beckmann-Smith", 0),
     "beckmann-smith-correlated": ("Beckmann-Smith", 1),
     "ggx": ("GGX", 0),
+    "dielectric": ("dielectric", 0),
+    "rough-dielectric-beckmann": ("dielectric", 1),
+    "rough-dielectric-ggx": ("dielectric", 2),
+    "thin-sheet": ("dielectric", 3),
+    "lambert-transmission": ("Lambert", 1),
 }
 # A lobe with a factor fitted to it is named after both: "lyon-1-half, minimax".
 FITS: dict[str, Dashes] = {

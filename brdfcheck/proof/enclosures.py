@@ -33,10 +33,12 @@ def out(low: np.ndarray, high: np.ndarray, relative: float = _ROUNDING) -> Pair:
 
 
 def add(a: Pair, b: Pair) -> Pair:
+    """a + b."""
     return out(a[0] + b[0], a[1] + b[1])
 
 
 def negative(a: Pair) -> Pair:
+    """-a."""
     return -a[1], -a[0]
 
 
@@ -55,6 +57,7 @@ def times(a: Pair, b: Pair) -> Pair:
 
 
 def square(a: Pair) -> Pair:
+    """a^2, which is not negative."""
     least = np.maximum(np.maximum(a[0], -a[1]), 0)
     most = np.maximum(-a[0], a[1])
     low, high = out(least * least, most * most)
@@ -71,6 +74,7 @@ def inverse(a: Pair) -> tuple[Pair, Mask]:
 
 
 def hull(a: Pair, b: Pair) -> Pair:
+    """The narrowest intervals around both."""
     return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
 
 
@@ -145,25 +149,30 @@ PI = Enclosed(_PI)
 
 
 def plus(a: Enclosed, b: Enclosed) -> Enclosed:
+    """a + b."""
     return a.joined(b, add(a.ends, b.ends), _sum)
 
 
 def minus(a: Enclosed) -> Enclosed:
+    """-a."""
     return Enclosed(negative(a.ends), tuple(None if s is None else negative(s) for s in a.slopes), a.jumps, a.undefined)
 
 
 def multiply(a: Enclosed, b: Enclosed) -> Enclosed:
+    """a b; of two times the same, its square."""
     if a is b:
         return a.chained(square(a.ends), lambda: add(a.ends, a.ends))
     return a.joined(b, times(a.ends, b.ends), lambda s, t: _sum(_product(s, b.ends), _product(t, a.ends)))
 
 
 def reciprocal(a: Enclosed) -> Enclosed:
+    """1/a, undefined where a may be 0."""
     ends, zero = inverse(a.ends)
     return a.chained(ends, lambda: negative(square(ends)), zero)
 
 
 def integer_power(a: Enclosed, power: int) -> Enclosed:
+    """a^power for a whole number."""
     if power < 0:
         return reciprocal(integer_power(a, -power))
     if power == 0:
@@ -209,18 +218,21 @@ def _clipped(a: Pair, low: float, high: float) -> tuple[Pair, Mask]:
 
 
 def exp(a: Enclosed) -> Enclosed:
+    """e^a."""
     low, high = _library(np.exp, a.ends)
     ends = np.maximum(low, 0), high
     return a.chained(ends, lambda: ends)
 
 
 def log(a: Enclosed) -> Enclosed:
+    """The natural logarithm, undefined at and below 0."""
     inside, outside = _clipped(a.ends, 0, np.inf)
     slope, zero = inverse(inside)
     return a.chained(_library(np.log, inside), lambda: slope, either(outside, zero))
 
 
 def sqrt(a: Enclosed) -> Enclosed:
+    """The square root, undefined below 0."""
     inside, outside = _clipped(a.ends, 0, np.inf)
     low, high = out(np.sqrt(inside[0]), np.sqrt(inside[1]))
     ends = np.maximum(low, 0), high
@@ -244,34 +256,42 @@ def _turning(a: Pair, quarter: float) -> Pair:
 
 
 def sin(a: Enclosed) -> Enclosed:
+    """The sine."""
     return a.chained(_turning(a.ends, _HALF_PI), lambda: _turning(a.ends, 0.0))
 
 
 def cos(a: Enclosed) -> Enclosed:
+    """The cosine."""
     return a.chained(_turning(a.ends, 0.0), lambda: negative(_turning(a.ends, _HALF_PI)))
 
 
 def tanh(a: Enclosed) -> Enclosed:
+    """The hyperbolic tangent."""
     low, high = _library(np.tanh, a.ends)
     ends = np.maximum(low, -1), np.minimum(high, 1)
     return a.chained(ends, lambda: add(ONE, negative(square(ends))))
 
 
 def arctan(a: Enclosed) -> Enclosed:
+    """The inverse tangent."""
     return a.chained(_library(np.arctan, a.ends), lambda: inverse(add(ONE, square(a.ends)))[0])
 
 
 def arcsin(a: Enclosed) -> Enclosed:
+    """The inverse sine, undefined beyond -1 and 1."""
     inside, outside = _clipped(a.ends, -1, 1)
     rest = add(ONE, negative(square(inside)))
     return a.chained(_library(np.arcsin, inside), lambda: inverse(sqrt(Enclosed(rest)).ends)[0], outside)
 
 
 def arccos(a: Enclosed) -> Enclosed:
+    """The inverse cosine, undefined beyond -1 and 1."""
     return plus(multiply(PI, point(0.5)), minus(arcsin(a)))
 
 
 def erf(a: Enclosed) -> Enclosed:
+    """The error function."""
+
     def bell() -> Pair:
         scale = times(_exact(2), inverse(sqrt(PI).ends)[0])
         return times(scale, exp(Enclosed(negative(square(a.ends)))).ends)
@@ -280,6 +300,7 @@ def erf(a: Enclosed) -> Enclosed:
 
 
 def absolute(a: Enclosed) -> Enclosed:
+    """|a|."""
     low, high = a.ends
     least, most = np.maximum(np.maximum(low, -high), 0), np.maximum(-low, high)
     return a.chained((least, most), lambda: (np.where(low >= 0, 1.0, -1.0), np.where(high <= 0, -1.0, 1.0)))
@@ -299,6 +320,7 @@ def maximum(a: Enclosed, b: Enclosed) -> Enclosed:
 
 
 def minimum(a: Enclosed, b: Enclosed) -> Enclosed:
+    """The smaller; see `maximum`."""
     return minus(maximum(minus(a), minus(b)))
 
 

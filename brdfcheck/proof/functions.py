@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf.family import Family
+from brdfcheck.messages import UsageError
 from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, document
 from brdfcheck.proof.cover import NotProved, written
 from brdfcheck.proof.hemisphere import Box, Hemisphere
@@ -40,7 +41,10 @@ def certificate(family: Family, seconds: float, watch: Callable[[float, float], 
     UsageError for what JAX cannot trace and for primitives that are not covered, which are named; NotProved, with what is
     proved all the same, where time is up.
     """
-    program = Program(family, COVERED)
+    try:
+        program = Program(family, COVERED)
+    except SystemExit:
+        raise UsageError(f"{family.name} ends the process while JAX traces it") from None
     kind = symmetry(program)
     found = Search(Hemisphere(program, kind), *_boxes(family, kind == "none"), seconds, watch).run()
     formula = f"the program of {family.name} ({len(program.steps)} operations)"

@@ -44,7 +44,7 @@ def certificate(family: Family, ends: Mapping[str, Ends], prove: Callable[[Famil
             jax.jvp(build, values, tuple(map(np.ones_like, values)))
         else:
             build()
-    except Exception:  # whatever a user's factory throws; who reads formulas says what is wrong
+    except (Exception, SystemExit):  # whatever a user's factory throws; who reads formulas says what is wrong
         return None
     brdf = made[-1]
     if type(brdf) not in (Mixture, FresnelBlend):

@@ -91,8 +91,10 @@ class Search:
                 low = self._at(place)
                 if low > 1:
                     return self._found(-high, proved, place, low)
-            for half in box.halves(self._widest(box, bound, root)):
-                proved += look(half, cells, root, share / 2, -high)
+            j = self._widest(box, bound, root)
+            for half in box.halves(j):
+                part = float((half.high[j] - half.low[j]) / (box.high[j] - box.low[j]))
+                proved += look(half, cells, root, share * part, -high)
         high = max([1.0, *(-entry[0] for entry in waiting)])
         return self._found(high, 1.0 if not waiting else proved)
 

@@ -23,7 +23,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, Form
+from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF, AbstractZonalLobe, Form
 from brdfcheck.brdf.callables import Evaluator, constant
 from brdfcheck.brdf.factors import has_engine, refuse_batched
 from brdfcheck.quadrature.functions import Albedo, adaptive_albedo
@@ -163,7 +163,8 @@ def albedo(
     """The directional albedo of a BRDF at the cosines of incidence `cos_theta`, any shape, in [0, 1]; 0 is the limit.
 
     `brdf`: a lobe of this package, or any function ``f(wi, wo)`` on unit vectors (..., 3) with N = +z, in 1/sr: one
-    that JAX can trace, or a numpy function (slower; a log message says so). `azimuth`: incidence azimuth (radians) for
+    that JAX can trace, or a numpy function (slower; a log message says so); of a BSDF lit from above it is R + T, and that of
+    ``bsdf.lit(below=1, part="transmitted")`` the T of light from below. `azimuth`: incidence azimuth (radians) for
     anisotropic BRDFs; broadcasts with cos_theta. `rtol`: the accuracy aimed at; by default the best of the engine (1e-12
     for lobes about an axis, 2.5e-10 for microfacets, 1e-8 for functions).
 
@@ -171,6 +172,8 @@ def albedo(
     Raises ValueError for cosines outside [0, 1] or a bad rtol, TypeError for something that cannot be called.
     """
     mu = checked_cosines(cos_theta)
+    if isinstance(brdf, AbstractBSDF):
+        brdf = brdf.lit()
     if has_engine(brdf):
         engine = engine_of(brdf).at(rtol)
         refuse_batched(brdf)

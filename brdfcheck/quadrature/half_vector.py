@@ -12,14 +12,14 @@ import math
 from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractMicrofacetLobe
+from brdfcheck.brdf.base import AbstractHalves, AbstractMicrofacetLobe
 from brdfcheck.geometry import safe_root
-from brdfcheck.numerics import gauss
-from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
+from brdfcheck.quadrature.polar import Order, graded_gauss, grazing_safe, polar_nodes
 from brdfcheck.quadrature.rule import AbstractDigits, Raw, bar, checked_digits
 
 _TINY = 1e-18
@@ -28,10 +28,11 @@ _CAUTION = 6
 
 
 class HalfVectorOrder(NamedTuple):
-    """Nodes in the polar angle of H, and in azimuth for each smooth piece of the circle."""
+    """Nodes in the polar angle of H, and in azimuth for each smooth piece of the circle; how the latter crowd at its ends."""
 
     polar: Order
     azimuth: int
+    grading: tuple[int, int] = (1, 1)
 
 
 @final
@@ -56,27 +57,42 @@ class HalfVector(AbstractDigits):
         self.digits = checked_digits(digits)
 
     def applies(self, core: Any, cos_theta: Any) -> bool:
-        return isinstance(core, AbstractMicrofacetLobe)
+        return isinstance(core, (AbstractMicrofacetLobe, AbstractHalves))
 
-    def orders(self, dtype: Any, cut: bool) -> tuple[HalfVectorOrder, HalfVectorOrder]:
-        """The fine rule and the coarse one. `cut`: the circle is cut at kinks, so that its pieces are short."""
+    def orders(self, dtype: Any, cut: bool, rooted: bool = False) -> tuple[HalfVectorOrder, HalfVectorOrder]:
+        """The fine rule and the coarse one. `cut`: the circle is cut at kinks, so that its pieces are short.
+
+        `rooted`: the kernel is a square root at one end of them.
+        """
         digits = self.within(dtype)
-        if cut:  # six panels, square roots at their ends, up to three smooth pieces in azimuth
+        ends = (2, 2) if rooted else (1, 1)
+        if rooted:  # five to seven panels, with logarithms where a circle touches that of total reflection
+            circle, past, azimuth, grading = 2.8 * digits + 2, 3 * digits + 2, 2.6 * digits + 2, (3, 3)
+        elif cut:  # six panels, square roots at their ends, up to three smooth pieces in azimuth
             circle, past, azimuth, grading = 4 * digits, 4.8 * digits, 1.4 * digits, (2, 3)
         else:
             circle, past, azimuth, grading = 4.8 * digits, 9.6 * digits + 12, 4 * digits, (1, 3)
         fine, coarse = (
-            HalfVectorOrder(Order(math.ceil(part * circle), math.ceil(part * past), grading, (3, 3)), math.ceil(part * azimuth))
+            HalfVectorOrder(
+                Order(math.ceil(part * circle), math.ceil(part * past), grading, (3, 3)), math.ceil(part * azimuth), ends
+            )
             for part in (1.0, 0.86)
         )
         return fine, coarse
 
-    def integrate(self, core: AbstractMicrofacetLobe, mu: Float[Array, ""], key: Any = None) -> Raw:
-        cut = core.azimuth_breaks(jnp.ones(1, mu.dtype), mu).shape[0] > 0
-        (fine, coarse), count = half_vector_albedo(core, mu, self.orders(mu.dtype, cut))
+    def integrate(self, core: AbstractMicrofacetLobe | AbstractHalves, mu: Float[Array, ""], key: Any = None) -> Raw:
+        lobes = core.halves() if isinstance(core, AbstractHalves) else (core,)
+        value, error, evaluations = jax.tree.map(
+            lambda *parts: sum(parts[1:], parts[0]), *(self._one(lobe, mu) for lobe in lobes)
+        )
+        return Raw(value, error, evaluations)
+
+    def _one(self, lobe: AbstractMicrofacetLobe, mu: Float[Array, ""]) -> tuple[Array, Array, int]:
+        cut = lobe.azimuth_breaks(jnp.ones(1, mu.dtype), mu).shape[0] > 0
+        (fine, coarse), count = half_vector_albedo(lobe, mu, self.orders(mu.dtype, cut, lobe.rooted))
         # In two dimensions the difference of two rules may vanish by chance; never claim more than what was aimed at.
         aimed = 10 ** -self.within(mu.dtype) * jnp.abs(fine)
-        return Raw(fine, bar(fine, coarse, aimed, caution=_CAUTION), count)
+        return fine, bar(fine, coarse, aimed, caution=_CAUTION), count
 
 
 def half_vector_albedo(
@@ -118,9 +134,12 @@ def _integral(
     lobe: AbstractMicrofacetLobe, cos_theta: Float[Array, ""], orders: tuple[HalfVectorOrder, ...]
 ) -> tuple[Float[Array, "rules ..."], int]:
     mu, sine = grazing_safe(cos_theta)
-    node, owner = polar_nodes("half", mu, lobe.breaks(mu), lobe.width(), tuple(order.polar for order in orders))
-    sin_squared = node.versine / 2
-    half_cosine = jnp.sqrt(node.coversine / 2)
+    form = "mirror" if lobe.refracts else "half"
+    node, owner = polar_nodes(form, mu, lobe.breaks(mu), lobe.width(), tuple(order.polar for order in orders))
+    if lobe.refracts:
+        half_cosine, sin_squared = node.cos, node.versine * node.coversine
+    else:
+        half_cosine, sin_squared = jnp.sqrt(node.coversine / 2), node.versine / 2
     across = half_cosine * mu
     along = safe_root(sin_squared) * sine
     # The kinks in azimuth: wi.H falls while H turns from the light's side (phi = 0) to the other.
@@ -128,8 +147,12 @@ def _integral(
     cosine = (values - across) / jnp.where(along > _TINY, along, 1)
     inside = jnp.abs(cosine) < 1
     kink = jnp.where(inside, jnp.arccos(jnp.where(inside, cosine, 0)), jnp.where(cosine < 0, np.pi, 0))
+    if lobe.refracts:  # along the normal a circle lies on one side of the edge as a whole
+        kink = jnp.where(along > _TINY, kink, jnp.where(values < across, np.pi, 0.0).astype(kink.dtype))
     zero = jnp.zeros_like(node.azimuth[None])
-    stops = jnp.concatenate([zero, jnp.minimum(kink, node.azimuth), node.azimuth[None]])
+    stops = jnp.concatenate([zero, jnp.minimum(kink, node.azimuth)])
+    if not lobe.refracts:  # past its last kink that one is 0
+        stops = jnp.concatenate([stops, node.azimuth[None]])
     # Each piece runs in t = tan(phi/4), as far from the poles at +-i as the angle itself from nothing: the cosine is then
     # arithmetic, where XLA takes longer for a cos than for all the rest of the kernel.
     quarter = jnp.tan(stops / 4)
@@ -137,7 +160,9 @@ def _integral(
 
     # Each node takes the azimuth table of its rule, filled up with nodes of weight 0: (azimuths, 1, nodes).
     most = max(order.azimuth for order in orders)
-    tables = [[np.pad(part, (0, most - order.azimuth)) for part in gauss(order.azimuth)] for order in orders]
+    tables = [
+        [np.pad(part, (0, most - order.azimuth)) for part in graded_gauss(order.azimuth, *order.grading)] for order in orders
+    ]
     x, w = (jnp.asarray(np.stack(column)[owner].T[:, None], mu.dtype) for column in zip(*tables, strict=True))
     t = low + length * x
     reciprocal = 1 / (1 + t * t)
@@ -145,8 +170,8 @@ def _integral(
     incident = jnp.maximum(across + along * (2 * half * half - 1), 0)
     cos_theta_o = jnp.maximum(2 * incident * half_cosine - mu, 0)
     kernel = lobe.facet_kernel(half_cosine, sin_squared, mu, cos_theta_o, incident)
-    # sin(gamma) dgamma = sin x dx / (4 cos gamma), and both halves of the circle.
-    weight = w * 4 * length * reciprocal * (node.weight / (2 * half_cosine))
+    # Both halves of the circle; where x = 2 gamma, sin(gamma) dgamma = sin x dx / (4 cos gamma).
+    weight = w * 4 * length * reciprocal * (2 * node.weight if lobe.refracts else node.weight / (2 * half_cosine))
     if kernel.ndim > weight.ndim:
         weight = weight[..., None]
     terms = jnp.sum(kernel * weight, axis=(0, 1))  # (nodes,) or (nodes, channels)

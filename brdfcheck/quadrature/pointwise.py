@@ -124,7 +124,7 @@ class PointwiseAlbedo:
     @functools.cached_property
     def reflection(self) -> Evaluator | None:
         """What evaluates the part of the BRDF that owes reciprocity: `evaluator` unless the family says otherwise."""
-        if self.family.pointwise is None or self.evaluator is None:
+        if self.family.pointwise is None:
             return self.evaluator
         middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in self.family.ranges.items()}
         return Evaluator(self._with_held(self.family.pointwise), {name: middle[name] for name in self.swept})
@@ -216,12 +216,16 @@ class PointwiseAlbedo:
 
         Shapes as for a call. `level` counts from 0, the coarsest.
         """
+        return worst_channel(*self.estimated_channels(parameters, cos_theta, azimuth, level))[:2]
+
+    def estimated_channels(
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Like `estimate`, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
         if self.evaluator is None:
-            value, error = self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
-        else:
-            rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
-            value, error = self._graded(self.evaluator, parameters, cos_theta, azimuth, *rules)
-        return worst_channel(value, error)[:2]
+            return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
+        rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
+        return self._graded(self.evaluator, parameters, cos_theta, azimuth, *rules)
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
         chunk = self.engine.chunk

@@ -108,29 +108,41 @@ def _drawn(height: int, width: int, draw: Any) -> np.ndarray:
     return _linear(np.moveaxis(np.asarray(image, float) / 255, -1, 0))
 
 
-def color_scale(width: int, title: str, least: float = _LEAST, most: float = _MOST) -> Float[np.ndarray, "3 height width"]:
+def color_scale(
+    width: int, title: str, least: float = _LEAST, most: float = _MOST, grey: bool = False
+) -> Float[np.ndarray, "3 height width"]:
     """The scale of `false_color` from `least` to `most`, with its decades written below and `title` above.
 
-    It is wider than `width` where the title asks for that.
+    `grey`: left of it the scale of what is less than 1. It is wider than `width` where the title asks for that.
     """
     from PIL import ImageFont
 
     height, bar = 58, 14
     width = max(width, int(ImageFont.load_default(_TEXT).getlength(title)) + 2 * _MARGIN)
     left, right = _MARGIN + width // 12, width - width // 12 - _MARGIN
+    first = left  # of the colours
+    if grey:
+        first = left + (right - left) // 3
+    shades = first - left - 2 * _TEXT  # the numbers of the two scales need room
     decades = np.arange(np.ceil(np.log10(least) - 1e-9), np.log10(most) + 1e-9)
     ticks = sorted({*(10.0**decades), most})
 
     def draw(canvas: Any, font: Any) -> None:
         canvas.text((width / 2, 2), title, "black", font=font, anchor="ma")
         for tick in ticks:
-            x = left + (right - left - 1) * np.log(tick / least) / np.log(most / least)
+            x = first + (right - first - 1) * np.log(tick / least) / np.log(most / least)
             canvas.line([(x, 22 + bar), (x, 26 + bar)], "black")
             canvas.text((x, 27 + bar), f"{tick:g}", "black", font=font, anchor="ma")
+        for reflected in (0, 0.5, 1) if grey else ():
+            x = left + (shades - 1) * reflected
+            canvas.line([(x, 22 + bar), (x, 26 + bar)], "black")
+            canvas.text((x, 27 + bar), f"{reflected:g}", "black", font=font, anchor="ma")
 
     image = _drawn(height, width, draw)
-    values = np.geomspace(least, most, right - left)
-    image[:, 22 : 22 + bar, left:right] = false_color(values, least, most)[:, None]
+    values = np.geomspace(least, most, right - first)
+    image[:, 22 : 22 + bar, first:right] = false_color(values, least, most)[:, None]
+    if grey:
+        image[:, 22 : 22 + bar, left : left + shades] = false_color(np.linspace(-1, 0, shades), least, most)[:, None]
     return image
 
 

@@ -15,6 +15,7 @@ from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import Evaluator, constant
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
+from brdfcheck.brdf.two_sides import Folded
 from brdfcheck.messages import UsageError, one_line
 
 
@@ -29,6 +30,7 @@ class Function(AbstractBRDF):
     many: Callable[..., Any] = eqx.field(static=True)  # the same, for arrays of directions
     name: str = eqx.field(static=True)
     traced: bool = eqx.field(static=True)
+    folded: bool = eqx.field(static=True)  # has the energy of what transmits, lit from wi
     colored: bool = eqx.field(static=True)
 
     def __init__(self, call: Callable[..., Any], name: str):
@@ -36,6 +38,7 @@ class Function(AbstractBRDF):
         if found.channels not in (None, 1, 3):
             raise ValueError(f"{name} has {found.channels} channels; a scene takes 1, or 3: R, G and B")
         self.call, self.many, self.name = call, found.function, name
+        self.folded = isinstance(call, Folded)
         self.traced, self.colored = not found.slow, found.channels == 3
 
     @property
@@ -66,9 +69,17 @@ class Function(AbstractBRDF):
         return np.broadcast_to(found[:, 0] if found.ndim == 2 and not self.colored else found, rows)
 
 
-def brdf_of(value: Any, parameters: Mapping[str, float], reading: Reading | None = None) -> AbstractBRDF:
+def transmits(name: str) -> str:
+    """What is said of a surface that transmits where lights are on one side only."""
+    return f"{name} transmits: it is shown in the white furnace (brdfcheck render furnace --brdf NAME), not under lights"
+
+
+def brdf_of(
+    value: Any, parameters: Mapping[str, float], reading: Reading | None = None, *, furnace: bool = False
+) -> AbstractBRDF:
     """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF; `reading`: how files are read.
 
+    `furnace`: for a white furnace, which takes what transmits.
     Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
     """
     try:
@@ -79,6 +90,8 @@ def brdf_of(value: Any, parameters: Mapping[str, float], reading: Reading | None
     if target.finding is not None:
         raise ValueError(one_line(target.finding))
     family = target.family
+    if family.sides is not None and not furnace:
+        raise UsageError(transmits(family.name))
     missing = [name for name, (low, high) in family.ranges.items() if low < high and name not in family.defaults]
     if missing:
         plural = "s" if len(missing) > 1 else ""

@@ -103,7 +103,8 @@ def contact_sheet(
     def length(text: str) -> int:
         return max(math.ceil(font.getlength(line)) for line in text.split("\n"))
 
-    lines = (bool(columns) + bool(across)) * (_TEXT + _MARGIN)
+    high_titles = max((text.count("\n") + 1 for text in columns), default=0)
+    lines = (high_titles + bool(across)) * (_TEXT + _MARGIN)
     left = max(map(length, [*labels, down]))
     left += _MARGIN * bool(left)
     _, high, wide = images[0][0].shape
@@ -115,7 +116,7 @@ def contact_sheet(
     draw: Any = ImageDraw.Draw(mask)
     draw.text((left + _MARGIN + body / 2, _MARGIN), across, 255, font=font, anchor="ma")
     for column, text in enumerate(columns):
-        draw.text((first + column * (cell + _MARGIN) + cell / 2, lines), text, 255, font=font, anchor="md")
+        draw.text((first + column * (cell + _MARGIN) + cell / 2, lines), text, 255, font=font, anchor="md", align="center")
     draw.text((_MARGIN, lines), down, 255, font=font, anchor="ld")
     for row, text in enumerate(labels):
         place = (left, lines + _MARGIN + row * (high + _MARGIN) + high / 2)

@@ -22,7 +22,7 @@ from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.subject import refuse_reading
 from brdfcheck.runtime import double_precision
-from brdfcheck.scene.functions import Function, brdf_of
+from brdfcheck.scene.functions import Function, brdf_of, transmits
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
 from brdfcheck.scene.shading import FRESNELS, AbstractMaterial, Meeting, Place, meetings, reflected
@@ -65,6 +65,8 @@ class Term(eqx.Module):
             if reading is not None:
                 refuse_reading(reading, {brdf: None})
             self.name, family = brdf, catalog.entry(brdf).family
+            if family.sides is not None:
+                raise ValueError(transmits(brdf))
             for parameter in parameters.keys() - family.ranges.keys():
                 raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(family.ranges)}")
             for parameter in family.ranges.keys() - parameters.keys() - {"reflectance"}:

@@ -193,7 +193,7 @@ def lobes(canvas: Canvas) -> Image:
     rows, exponents = [], (10.0, 100.0, 1000.0)
     for n in exponents:
         light = [Distant(UPPER_RIGHT, 2 * np.pi / (n + 2))]
-        rows.append([canvas.sphere(Surface(Term(name, n=n)), light, background=0.02) for name in _LOBES])
+        rows.append([canvas.sphere(Surface(Term(name, n=n)), light, background=_GREY) for name in _LOBES])
     return contact_sheet(rows, columns=_LOBES, labels=[f"n = {n:g}" for n in exponents])
 
 

@@ -59,8 +59,8 @@ def gouraud_phong(canvas: Canvas) -> Image:
         pictures.append(canvas.meshes(mesh, camera, material, lights, shadings, background=0.02))
         pictures[-1].append(canvas.sphere(material, lights, camera, background=0.02))
         reach = np.degrees(float(failures.facet_circumradius(mesh)))
-        columns.append(f"{_faces(level)}, {reach:.1f} deg: {float(failures.lost_highlight(mesh, n)):.3f}")
-    across = f"degrees from a facet's centre to its corners: what Gouraud shading leaves of a highlight there, n = {n:g}"
+        columns.append(f"{_faces(level)}, {reach:.1f}°\nleft: {float(failures.lost_highlight(mesh, n)):.1%}")
+    across = f"angle from a facet's centre to its corners; what Gouraud shading leaves of a highlight there, n = {n:g}"
     return contact_sheet(_turned(pictures), columns=columns, labels=(*shadings, "exact"), across=across)
 
 
@@ -71,12 +71,13 @@ def silhouette_bleed(canvas: Canvas) -> Image:
     """Spheres lit from straight behind."""
     camera, lights = Orthographic(5 * _ASIDE), [Distant(-_ASIDE, np.pi)]
     white = Surface(Term("lambert", 1.0))
+    before = {"background": GROUND}  # the sphere is black: on black nothing would be seen of it
     columns, pictures, shadings = [], [], ("gouraud", "phong")
     for level in _LEVELS[:3]:
         columns.append(f"{_faces(level)}: up to {float(failures.silhouette_bleed(_single(level), _ASIDE)):.2f}")
-        pictures.append(canvas.meshes(_single(level), camera, white, lights, shadings))
-    pictures.append([canvas.sphere(white, lights, camera)] * 2)
-    across = "light straight from behind: all that is seen is wrong"
+        pictures.append(canvas.meshes(_single(level), camera, white, lights, shadings, **before))
+    pictures.append([canvas.sphere(white, lights, camera, **before)] * 2)
+    across = "light straight from behind: the sphere should be black, all else on it is wrong"
     return contact_sheet(_turned(pictures), columns=(*columns, "exact"), labels=shadings, across=across)
 
 

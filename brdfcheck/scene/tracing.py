@@ -22,7 +22,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.microfacet import fresnel_dielectric
+from brdfcheck.brdf.microfacet import boundary_reflectance
 from brdfcheck.geometry import reflected, refracted
 from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
@@ -171,19 +171,6 @@ class Plane(AbstractBody):
 
     def anywhere(self) -> Float[Array, " 3"]:
         return self.point
-
-
-def boundary_reflectance(cosine: Float[Array, "..."], index: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Unpolarised reflectance of a smooth boundary at the cosine on the near side; 1 past total internal reflection.
-
-    `index`: of the far side over that of the near side, > 0. Shapes broadcast.
-    """
-    square = 1 - (1 - cosine * cosine) / (index * index)
-    passes = square > 0
-    behind = jnp.sqrt(jnp.where(passes, square, 1))
-    # The same from both sides: a function of the cosine on the thinner one, which is the smaller.
-    share = fresnel_dielectric(jnp.minimum(cosine, behind), ((index - 1) / (index + 1)) ** 2)
-    return jnp.where(passes, share, 1)
 
 
 class _Ray(NamedTuple):

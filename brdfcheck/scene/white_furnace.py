@@ -23,7 +23,10 @@ from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.images import contact_sheet
 
 _ENVIRONMENT = 0.4  # a sphere that returns 2.5 times the light is white
-_USUAL = {"n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0}
+_USUAL = {
+    "n": 20.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0, "albedo": 1.0, "through": 0.5, "index": 1.5, "clear": 0.9,
+    "eta": 1.5, "below": 0.0,
+}  # fmt: skip
 # (published, its parameters where the excess is of interest, the validated one of the same lobe)
 PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
     ("binomial-power-raw", {"n": 4}, "binomial-power-half"),
@@ -44,7 +47,7 @@ PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
 
 
 _DOWN = "the largest of 0 to 89 degrees"
-_SCALE = "what is reflected beyond 1; from white to black: less and less than 1"
+_SCALE = "grey: what is reflected, up to 1; colour: what is reflected beyond 1"
 _USUAL_SIDE = 2.1  # of what the usual camera sees; the sphere's radius is 1
 
 
@@ -130,7 +133,7 @@ def furnace_of(canvas: Canvas, brdf: AbstractBRDF, label: str) -> Image:
     """One BRDF: the sphere, and its excess (of the brightest channel) in false colour with the scale."""
     pair, most = _furnace_pair(canvas, brdf, {}), furnace_largest(brdf)
     sheet = contact_sheet([pair], columns=("furnace", "excess"), labels=[f"{label}: {most:.4f}"], down=_DOWN)
-    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE, grey=True))
 
 
 def _numbers(parameters: Mapping[str, float]) -> str:
@@ -158,7 +161,7 @@ def furnace(canvas: Canvas) -> Image:
         labels.append(label)
     columns = ("validated", "excess", "published", "excess")
     sheet = contact_sheet(rows, columns=columns, labels=labels, down=_DOWN)
-    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE, grey=True))
 
 
 def furnace_validated(canvas: Canvas) -> Image:
@@ -177,4 +180,4 @@ def furnace_validated(canvas: Canvas) -> Image:
     # Of an odd number the last row has one.
     right = np.pad(right, ((0, 0), (0, left.shape[1] - right.shape[1]), (0, 0)), constant_values=1)
     sheet = np.concatenate([left, right], axis=2)
-    return stacked(sheet, color_scale(sheet.shape[2], _SCALE))
+    return stacked(sheet, color_scale(sheet.shape[2], _SCALE, grey=True))

@@ -126,8 +126,9 @@ def check_family(
         if worst.channel is not None and every is not None and len(channels) < every:
             worst = replace(worst, channel=channels[worst.channel], channels=every)
             notes.append(f"of {every} channels the {len(channels)} that reflect most were searched")
-        evidence = Evidence(albedo, worst.parameters, worst.cos_theta)
+        evidence = Evidence(albedo, worst.parameters, worst.cos_theta, worst.azimuth)
         checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
+        notes += [found.words for found in checks if found.name == "sides"]
     except Finding as finding:
         _log.debug("%s", family.name, exc_info=True)
         findings.append(str(finding))

@@ -29,8 +29,8 @@ class Check:
 class Evidence:
     """What checks look at: the albedo of a family, where it is largest, and values at pairs of directions."""
 
-    def __init__(self, albedo: PointwiseAlbedo, parameters: Mapping[str, float], cos_theta: float = 1.0):
-        self.albedo, self.parameters, self.cos_theta = albedo, dict(parameters), cos_theta
+    def __init__(self, albedo: PointwiseAlbedo, parameters: Mapping[str, float], cos_theta: float = 1.0, azimuth: float = 0.0):
+        self.albedo, self.parameters, self.cos_theta, self.azimuth = albedo, dict(parameters), cos_theta, azimuth
 
     @cached_property
     def side(self) -> SideChecks:
@@ -43,12 +43,16 @@ class Evidence:
             return ""
         wi, wo = (f"({', '.join(f'{part:.6g}' for part in direction)})" for direction in (witness.wi, witness.wo))
         pairs = zip(self.albedo.family.ranges, witness.parameters, strict=True)
-        return f" at {''.join(f'{name}={value:.6g}, ' for name, value in pairs)}wi={wi}, wo={wo}"
+        folded = " (what is transmitted is folded up)" if witness.folded else ""
+        return f" at {''.join(f'{name}={value:.6g}, ' for name, value in pairs)}wi={wi}, wo={wo}{folded}"
 
 
 def _reciprocal(evidence: Evidence) -> Check:
     side = evidence.side
-    words = f"reciprocal: f(wi, wo) and f(wo, wi) differ by {side.reciprocity:.2g} of the larger"
+    ours, theirs = "f(wi, wo)", "f(wo, wi)"
+    if evidence.albedo.family.sides is not None:
+        ours, theirs = "f(wi, wo) / eta_o^2", "f(wo, wi) / eta_i^2"
+    words = f"reciprocal: {ours} and {theirs} differ by {side.reciprocity:.2g} of the larger"
     words = words if side.reciprocal else f"not {words}"
     if not side.reciprocal and side.unequal is not None:
         values = f"{side.unequal.value:.6g} and {side.unequal.swapped:.6g} / sr"
@@ -120,13 +124,16 @@ def _weight(evidence: Evidence) -> Check | None:
 
 
 def _sides(evidence: Evidence) -> Check | None:
-    """What a plug-in that transmits reflects and transmits on both sides: told, not judged, for the albedo holds it."""
-    brdf = sampling.sampler_of(evidence.albedo, evidence.parameters)
-    if brdf is None or not brdf.transmits:
+    """What is reflected and transmitted of light from either side: told, not judged, for the albedo holds it."""
+    albedo, brdf = evidence.albedo, sampling.sampler_of(evidence.albedo, evidence.parameters)
+    if albedo.family.sides is not None:
+        found, passing = sampling.shares(albedo, evidence.parameters, evidence.cos_theta, evidence.azimuth), "T"
+    elif brdf is not None and brdf.transmits:
+        found, passing = sampling.sides(albedo, evidence.parameters, evidence.cos_theta), "(eta_t/eta_i)^2 T"
+    else:
         return None
-    found = sampling.sides(evidence.albedo, evidence.parameters, evidence.cos_theta)
-    parts = [f"{side}: R = {reflected:.5f}, (eta_t/eta_i)^2 T = {passing:.5f}" for side, reflected, passing in found]
-    most = max(reflected + passing for _, reflected, passing in found)
+    parts = [f"{side}: R = {reflected:.5f}, {passing} = {through:.5f}" for side, reflected, through in found]
+    most = max(reflected + through for _, reflected, through in found)
     return Check("sides", most, True, f"light {'; '.join(parts)} at cosine {evidence.cos_theta:.4g}")
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf.family import corners
+from brdfcheck.brdf.two_sides import BELOW, sides_of
+from brdfcheck.quadrature.albedo import albedo as integrated
 from brdfcheck.quadrature.functions import adaptive_albedo
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
@@ -22,6 +24,8 @@ PDF_LIMIT = 1e-3
 _SAMPLES = 256
 WEIGHT_LIMIT = 1e-3
 _DOWN = np.array([1.0, 1.0, -1.0])
+# The lowest cosine at which R and T are told apart, and the accuracy of a BSDF's.
+_NEAR_GRAZING, _SHARES = 1e-3, 1e-6
 
 
 def sampler_of(albedo: PointwiseAlbedo, parameters: Mapping[str, float]) -> Any | None:
@@ -69,16 +73,36 @@ def weight_gap(brdf: Any, cosine: float) -> float:
     return float(np.median(gap[told])) if np.any(told) else 0.0
 
 
+def shares(
+    albedo: PointwiseAlbedo, parameters: Mapping[str, float], cosine: float, azimuth: float
+) -> list[tuple[str, float, float]]:
+    """What a BSDF reflects and transmits of light from above and from below: (which, R, T) of the channel with most.
+
+    Only the sides that the family looks at.
+    """
+    family, found = albedo.family, []
+    for below in sides_of(family):
+        numbers = {**parameters, BELOW: below} if BELOW in family.ranges else dict(parameters)
+        assert family.sides is not None
+        parts = (
+            integrated(part, max(cosine, _NEAR_GRAZING), azimuth=azimuth, rtol=_SHARES).value
+            for part in family.sides(**numbers)
+        )
+        reflected, passing = (np.atleast_1d(np.asarray(part)) for part in parts)
+        channel = int(np.argmax(reflected + passing))
+        found.append(("from below" if below else "from above", float(reflected[channel]), float(passing[channel])))
+    return found
+
+
 def sides(albedo: PointwiseAlbedo, parameters: Mapping[str, float], cosine: float) -> list[tuple[str, float, float]]:
     """What a plug-in that transmits does with light from above and from below: (which, R, (eta_t / eta_i)^2 T) of each.
 
     Of the channel that reflects and transmits most. Only the sides that the family looks at.
     """
     family, found = albedo.family, []
-    low, high = family.ranges.get("below", (family.held.get("below", 0.0),) * 2)
-    wi = light(max(cosine, 1e-3))[None]
-    for below in sorted({low, high}):
-        numbers = {**parameters, "below": below} if "below" in family.ranges else dict(parameters)
+    wi = light(max(cosine, _NEAR_GRAZING))[None]
+    for below in sides_of(family):
+        numbers = {**parameters, BELOW: below} if BELOW in family.ranges else dict(parameters)
         brdf, reflection = family.build(**numbers), (family.pointwise or family.build)(**numbers)
         mirrored, _ = brdf.deltas(wi)
         total, reflected = (

@@ -13,6 +13,7 @@ from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import BLOCK, Evaluator, in_rows
 from brdfcheck.brdf.factors import Normalized
 from brdfcheck.brdf.family import corners
+from brdfcheck.brdf.two_sides import below_surface
 from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.samples import TIMES
@@ -36,13 +37,17 @@ Values = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Witness:
-    """Where a defect shows: the parameters, a pair of directions, f(wi, wo) in 1/sr, and f(wo, wi) where that matters."""
+    """Where a defect shows: the parameters, a pair of directions, f(wi, wo) in 1/sr, and f(wo, wi) where that matters.
+
+    `folded`: the value is that of a sum, of what goes to wo and what goes through the surface (see `brdfcheck.brdf.two_sides`).
+    """
 
     parameters: tuple[float, ...]
     wi: tuple[float, ...]
     wo: tuple[float, ...]
     value: float
     swapped: float | None = None
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -150,10 +155,14 @@ def _function_values(evaluator: Evaluator, parameters: np.ndarray) -> Values:
 def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     """Checks at all corners, in the middle of the parameters' box and at the `worst` point. May raise Finding.
 
-    Two values of a table may be equal where they differ by less than their bars (see `brdfcheck.quadrature.samples`); towards
-    grazing its samples are too far apart for a bar to mean anything.
+    What transmits is looked at on the whole sphere. Two values of a table may be equal where they differ by less than their
+    bars (see `brdfcheck.quadrature.samples`); towards grazing its samples are too far apart for a bar to mean anything.
     """
     wi, wo = direction_pairs()
+    folded = albedo.family.sides is not None
+    if folded:  # on one side, through the surface, on the other side
+        light, view = below_surface(wi), below_surface(wo)
+        wi, wo = np.concatenate([wi, wi, light]), np.concatenate([wo, view, view])
     parameters = _sampled_parameters(list(albedo.family.ranges.values()), [worst[name] for name in albedo.names])
     evaluator = albedo.reflection
     if evaluator is None:
@@ -219,11 +228,15 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     below = max(_SCANNED_NOTHING, nothing)
     if seen.smallest is not None and seen.smallest.value < -below and not seen.smallest.value >= minimum:
         minimum = seen.smallest.value
-        lowest = Witness(seen.smallest.parameters, seen.smallest.wi, seen.smallest.wo, minimum)
+        lowest = Witness(seen.smallest.parameters, seen.smallest.wi, seen.smallest.wo, minimum, folded=folded)
     if seen.first_nonfinite is not None:
         nonfinite += seen.nonfinite
         broken = broken or Witness(
-            seen.first_nonfinite.parameters, seen.first_nonfinite.wi, seen.first_nonfinite.wo, seen.first_nonfinite.value
+            seen.first_nonfinite.parameters,
+            seen.first_nonfinite.wi,
+            seen.first_nonfinite.wo,
+            seen.first_nonfinite.value,
+            folded=folded,
         )
     return SideChecks(
         float(told[where]),

@@ -35,6 +35,7 @@ from brdfcheck.verdict.winners import AROUND, Winners
 EFFORTS = ("quick", "normal", "thorough")
 NORMAL_IS_WORST = "normal incidence is the worst angle"
 NEVER_ABOVE_ONE = "masked facets never reflect more than they receive"
+NEVER_ABOVE_ONE_IN_ALL = "a boundary never reflects and transmits more than it receives"
 _SCALE = {"quick": 0.25, "normal": 1.0, "thorough": 4.0}
 # What a function that is called for each pair of directions is given of each: by the second of them it takes minutes.
 _ONE_BY_ONE = {"quick": "quick", "normal": "quick", "thorough": "normal"}
@@ -113,7 +114,8 @@ def supremum(
     with np.errstate(all="ignore"):
         found = search.run()
     box = search.surface.box
-    if intervals and len(box.swept) == 1 and not np.isnan(found.value):
+    # Between the two values of a switch there is nothing.
+    if intervals and len(box.swept) == 1 and not albedo.family.switches & {*box.swept} and not np.isnan(found.value):
         above = intervals_above(albedo, box, search.winner, threshold) if found.least > threshold else ()
         found = replace(found, above=above)
     return found
@@ -336,10 +338,11 @@ class _Search:
     def answer(self, settled: bool) -> Supremum:
         """`settled`: the last scan found nothing higher."""
         surface, winners = self.surface, self.winners
+        never_above = NEVER_ABOVE_ONE if surface.albedo.family.sides is None else NEVER_ABOVE_ONE_IN_ALL
         common = {
             "threshold": self.threshold,
             "basis": "theorem" if surface.theorem or self.bounded else "search",
-            "theorem": NORMAL_IS_WORST if surface.theorem else NEVER_ABOVE_ONE if self.bounded else None,
+            "theorem": NORMAL_IS_WORST if surface.theorem else never_above if self.bounded else None,
             "points": surface.count,
             "climbs": self.climbs,
             "width": self.scan.width(self.resolved),

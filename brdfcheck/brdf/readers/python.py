@@ -117,13 +117,13 @@ def _offers(module: ModuleType) -> list[str]:
     Of a module with ``__all__`` only what that names.
     """
     listed = getattr(module, "__all__", None)
-    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 
     found = []
     for name, value in vars(module).items():
         if name.startswith("_") or (listed is not None and name not in listed):
             continue
-        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, AbstractBRDF)
+        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, (AbstractBRDF, AbstractBSDF))
         if own and callable(directional(value)):
             found.append(name)
     return found

@@ -15,11 +15,10 @@ from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, names_of, settle
 from brdfcheck.brdf.readers.mitsuba.plugin import PlugIn, PlugInBRDF
 from brdfcheck.brdf.readers.mitsuba.runtime import variant
 from brdfcheck.brdf.readers.mitsuba.sources import find
+from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.brdf.ways import sample
 from brdfcheck.messages import UsageError
 
-BELOW = "below"
-"""The parameter of a plug-in that transmits: 0 for light from above, 1 for light from below the surface."""
 TOLERANCE = 1e-5
 """How far above 1 an albedo may lie that is computed in single precision."""
 _COLOUR = Vector("float", 3)

@@ -1,0 +1,63 @@
+"""``brdfcheck view``: checks BRDFs and opens the page of what was found."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from typing import Annotated, Any
+
+import typer
+
+from brdfcheck.cli import check, words
+from brdfcheck.cli.app import CosTheta, Debug, Define, ExitCode, Include, Over, Returns, Roles, command
+from brdfcheck.cli.output import Output
+from brdfcheck.cli.reports import address
+
+
+@command(
+    "view",
+    epilog="""\b
+Examples:
+  brdfcheck view mine.py:glossy --over n=1:1000
+  brdfcheck view disney.brdf -o disney.html
+  brdfcheck view phong ggx --no-open
+
+The page is one file that needs no network: keep it, send it, print it. The exit codes are
+those of brdfcheck check.""",
+)
+def _view(
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME", help="What brdfcheck check takes: catalogue names, or files of your own.")
+    ],
+    over: Over = None,
+    cos_theta: CosTheta = None,
+    define: Define = None,
+    include: Include = None,
+    args: Roles = None,
+    returns: Returns = "brdf",
+    tolerance: check.Tolerance = None,
+    effort: check.Effort = "normal",
+    jobs: check.Jobs = None,
+    out: Annotated[
+        str,
+        typer.Option("-o", "--out", metavar="FILE", parser=words.file(".html", ".htm"), help="The file of the page."),
+    ] = "brdfcheck.html",
+    no_open: Annotated[bool, typer.Option("--no-open", help="Write the page, but open no browser.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Check BRDFs and look at what was found in a browser.
+
+    Heat maps of the albedo over parameters and angles, cuts, and spheres in a white furnace, with sliders.
+    """
+    options: Any = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out, "debug": debug}
+    how = {"define": define, "include": include, "args": args, "returns": returns}
+    code = check.check_command(names=names, over=over, cos_theta=cos_theta, **how, **options)
+    opened = not no_open and code in (ExitCode.PASSED, ExitCode.FAILED) and _has_display() and webbrowser.open(address(out))
+    Output().line(f"{out}: {'opened in a browser' if opened else f'open it in a browser: {address(out)}'}")
+    return code
+
+
+def _has_display() -> bool:
+    """False where only a browser in the terminal could be opened, which would take the terminal over."""
+    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
