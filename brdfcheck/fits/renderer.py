@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfcheck.brdf.base import AbstractMicrofacetLobe, core_of
+from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, core_of
 from brdfcheck.brdf.callables import with_options_of
 from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.readers.base import Reading
@@ -124,7 +124,7 @@ def sources(
 
     `target`: what `brdfcheck.check` takes; `reading`: how shader files are read; `first(low, high)`: the first node. Rows run
     over the parameter that has a range, in `ranges` or of itself; the others are held where `ranges` says, or at their
-    defaults, and a required F0 at 1. Where a target has an alpha (or m) and no ``roughness``, this is its square root.
+    defaults, an F0 at 1. Where a target has an alpha (or m) and no ``roughness``, this is its square root.
     UsageError where two parameters have ranges, and as `as_target` raises.
     """
     ranges = {name: interval(name, bounds) for name, bounds in ranges.items()}
@@ -146,7 +146,11 @@ def sources(
                 raise UsageError(f"roughness must be >= 0; got {low:g}")
             asked[width] = low * low, high * high
             inner = width if given else ""
-    asked |= {name: (1.0, 1.0) for name in signature.required if name.lower() == "f0" and name not in asked}
+    if not (inspect.isclass(value) and issubclass(value, AbstractBRDF)):  # ours have none by default, which is F = 1
+        f0 = [name for name in signature.names if name.lower().partition(".")[0] == "f0"]
+        parts = [name for name in f0 if "." in name]
+        if not any(name in asked for name in f0):
+            asked |= dict.fromkeys(parts or f0, (1.0, 1.0))
     family = _resolved(target, value, spec, signature, asked, reading, cos_theta)
     if not given:
         free = [name for name, (low, high) in family.ranges.items() if low < high and name not in family.switches]
