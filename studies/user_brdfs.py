@@ -16,6 +16,7 @@ parameters, cosine and azimuth, denser around the best, a fixed product rule at 
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import runpy
 import statistics
@@ -100,7 +101,10 @@ def plot(record: dict[str, Any]) -> Any:
 
 
 def _albedo(answer: dict[str, Any] | None) -> str:
-    return f"{float(answer['albedo']):.8g} ± {float(answer['error']):.0e}" if answer else "-"
+    if not answer:
+        return "-"
+    albedo = float(answer["albedo"])
+    return "grows without bound" if math.isinf(albedo) else f"{albedo:.8g} ± {float(answer['error']):.0e}"
 
 
 def summary(record: dict[str, Any]) -> str:

@@ -266,3 +266,11 @@ def test_a_record_of_another_kind(tmp_path):
     assert top["kind"] == "albedo-vs-n"
     with pytest.raises(UsageError, match="holds no curve for factor; it holds heatmap"):
         curve_files.read(path, "factor")
+
+
+def test_where_an_albedo_has_no_bound_it_exceeds_1():
+    # Its error is without bound too: their difference is not a number, and the interval ended before.
+    x, value, error = np.array([0.0, 0.5, 1.0]), np.array([np.inf, 3.0, 0.5]), np.array([np.inf, 0.0, 0.0])
+    ((low, high),) = curves._intervals(x, value, error, lambda at: (3.0 - 5.0 * (at - 0.5), at), 1e-9)
+    assert low == 0
+    assert high == pytest.approx(0.9, abs=1e-6)

@@ -302,6 +302,7 @@ def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
         "Array.from(spherePixels(40, {values: [0, 90]}, [[1, 1]], 1.001, true)).filter((_, i) => i % 4 < 3)",
         f"Array.from(spherePixels(40, {{values: [0, 90]}}, [[1.1, 1.1]], 1.001, true)).slice({middle}, {middle + 3})",
         f"Array.from(heatPixels({ramp}, {rows}, {columns}, {scale}, 22, 30))",
+        "[extent(Float64Array.from([3, 1, NaN, 2])), extent(Float64Array.from([...Array(99).keys(), 1e9])), extent([NaN])]",
         "sliceFor({tables: {'0,0': 1, '1,0': 1, '0,1': 1}, others: [{at: 0}, {at: 0}]}, [1, 1], 1)",
     ]
     found = in_node(text, tmp_path, asked)
@@ -326,7 +327,10 @@ def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
     gain = 0.2 * 10 * (np.arange(22) + 0.5) / 22 + 0.1 * 2 * (1 - (np.arange(30)[:, None] + 0.5) / 30) > 1
     assert np.array_equal(heat[..., 0] - heat[..., 2] > 40, gain), "warm above 1, cold up to it"
     assert np.all(heat[..., 3] == 255)
-    assert answers[13] == ["0,1", [0, 1]]
+    assert answers[13][0] == {"least": 1, "high": 3, "cut": False}
+    assert answers[13][1] == {"least": 0, "high": 2 * 94, "cut": True}, "a pole"
+    assert answers[13][2] == {"least": 0, "high": 1, "cut": False}
+    assert answers[14] == ["0,1", [0, 1]]
     # The page: it opens on what fails, at the largest albedo; sliders, pointer and keys move it; the table sorts; all is drawn
     # for the printer.
     assert found["ready"] == "ready"

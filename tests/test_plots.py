@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import os
@@ -150,10 +151,10 @@ def test_edges_several_intervals_and_everything():
     assert any(text.startswith("20 intervals: 10 … 25, …, 770 … 785") for text in said)
 
 
-def test_two_that_violate_are_both_named():
+def test_two_that_violate_are_named_once():
     other = exponent_curve("blinn-phong-8", np.linspace(1.0, 1.2, 40), [(1, 1000)])
     said = texts(plots.figure("albedo-vs-n", [PUBLISHED, other, exponent_curve()]))
-    assert said.count("binomial-power-published") == 2  # in the strip and beside the curve
+    assert said.count("binomial-power-published") == 1  # beside the curve; the strip has a sample of its line
     assert said.count("phong") == 1
 
 
@@ -164,6 +165,46 @@ def test_what_leaves_the_axis_is_said():
     assert any("axis cut at 6: binomial-power-unclamped reaches 10²⁸ at n = 1000" in text for text in texts(figure))
     many = [exponent_curve(f"mine.py:f{i}", np.geomspace(0.9, 10.0 ** (2 + i), 40), [(50, 1000)]) for i in range(9)]
     assert any("and 5 more curves leave it" in text for text in texts(plots.figure("albedo-vs-n", many)))
+
+
+def test_an_albedo_without_bound_has_no_largest_sample():
+    pole = angle_curve("mine.py:pole", above=[(0.0, 1.0)])
+    pole["albedo"] = [1e9, *np.linspace(872, 1, 29).tolist()]
+    pole["largest"]["albedo"] = "Infinity"
+    said = texts(plots.figure("albedo-vs-angle", [pole]))
+    assert any("mine.py:pole, n = 10 grows without bound towards cos θ = 0" in text for text in said)
+    assert not any("reaches" in text for text in said)
+
+
+@pytest.mark.parametrize("curve", [exponent_curve(), angle_curve(above=[(0.0, 1.0)])], ids=["plain", "strip"])
+def test_a_long_title_stays_within_the_figure(curve):
+    figure = plots.figure(curve["kind"], [curve], title="Albedos of lobes and of their factors " * 4)
+    figure.draw_without_rendering()
+    (title,) = [axes.title for axes in figure.axes if axes.get_title()]
+    extent = title.get_window_extent()
+    assert title.get_text().count("\n") >= 1
+    assert figure.bbox.x0 <= extent.x0 < extent.x1 <= figure.bbox.x1
+    assert extent.y1 <= figure.bbox.y1
+
+
+def test_few_colours_keep_the_colour_of_a_small_patch():
+    from matplotlib.patches import Patch
+    from PIL import Image
+
+    with plots.house_style():  # a legend on a page of one hue, on which many words have edges of many colours
+        figure = plots.empty(8, 8)
+        axes = figure.subplots()
+        axes.imshow(np.indices((40, 40)).sum(axis=0) % 7 > 2, cmap="Greens", vmin=-3, vmax=6)
+        for i in range(12):
+            axes.text(2, 3 * i, "some words in a figure " * 3, color=f"C{i % 3}", fontsize=7 + i / 2)
+        figure.legend(handles=[Patch(facecolor="#882255")], labels=["lies"], loc="lower left")
+    png = plots.to_bytes(figure, ".png", widest=1200)
+    before, after = (
+        np.asarray(Image.open(io.BytesIO(file)).convert("RGB"), int) for file in (png, plots.with_few_colours(png))
+    )
+    patch = (before == (0x88, 0x22, 0x55)).all(axis=-1)
+    assert np.sum(patch) > 100
+    assert np.abs(after[patch] - (0x88, 0x22, 0x55)).max() <= 20  # it was 35 off
 
 
 def test_limits_and_scale():

@@ -24,7 +24,7 @@ _DPI = 200
 # How many colours pages are tried with, and the root mean square of the change (of 255) that hardly shows.
 _COLOURS, _HARDLY = (32, 64, 128, 256), 2.5
 # From which difference it is another colour, and the share of pixels that may have one.
-_ANOTHER, _FEW = 40, 2e-5
+_ANOTHER, _FEW = 40, 1e-5
 # Dates and versions would change the bytes of an unchanged figure.
 _METADATA = {
     ".svg": {"Date": None, "Creator": None},
@@ -81,9 +81,13 @@ def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes
     dpi = _DPI if widest is None else min(_DPI, widest / figure.get_figwidth())
     with house_style():
         figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=_METADATA[suffix])
-    return stream.getvalue() if suffix != ".svg" or widest is None else _EMBEDDED.sub(_smaller, stream.getvalue())
+    if suffix != ".svg" or widest is None:
+        return stream.getvalue()
+    return _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path.group(0)), _EMBEDDED.sub(_smaller, stream.getvalue()))
 
 
+# Coordinates of paths to a hundredth of a point.
+_PATHS, _DIGITS = re.compile(rb' d="[^"]*"'), re.compile(rb"(\.\d\d)\d+")
 _EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
 
 
@@ -110,9 +114,12 @@ def with_few_colours(png: bytes, widest: int | None = None) -> bytes:
         fewer = image.quantize(
             palette=palette, dither=Image.Dither.FLOYDSTEINBERG if colours == _COLOURS[-1] else Image.Dither.NONE
         )
-        off = np.asarray(image, float) - np.asarray(fewer.convert("RGB"), float)
+        differences = np.asarray(image, float) - np.asarray(fewer.convert("RGB"), float)
         # In the mean a small patch of a colour of its own, as in a legend, counts for nothing: none may be another colour.
-        if np.sqrt(np.mean(off * off)) < _HARDLY and np.mean(np.abs(off).max(axis=-1) > _ANOTHER) < _FEW:
+        # What is off only along edges, a pixel wide, is no patch.
+        other = np.abs(differences).max(axis=-1) > _ANOTHER
+        patch = other[1:-1, 1:-1] & other[:-2, 1:-1] & other[2:, 1:-1] & other[1:-1, :-2] & other[1:-1, 2:]
+        if np.sqrt(np.mean(differences * differences)) < _HARDLY and np.sum(patch) <= _FEW * other.size:
             break
     stream = io.BytesIO()
     fewer.save(stream, "PNG", optimize=True)

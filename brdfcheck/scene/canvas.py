@@ -123,7 +123,7 @@ def color_scale(
     first = left  # of the colours
     if grey:
         first = left + (right - left) // 3
-    shades = first - left - 2 * _TEXT  # the numbers of the two scales need room
+    shades = first - left - 5 * _TEXT  # the numbers of the two scales need room
     decades = np.arange(np.ceil(np.log10(least) - 1e-9), np.log10(most) + 1e-9)
     ticks = sorted({*(10.0**decades), most})
 

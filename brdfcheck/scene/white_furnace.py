@@ -155,6 +155,8 @@ def furnace(canvas: Canvas) -> Image:
     for name, parameters, validated in PAIRS:
         rows.append(_furnace_pair(canvas, validated, parameters) + _furnace_pair(canvas, name, parameters))
         label = f"{name}, {_numbers(parameters)}: {_share(furnace_largest(name, parameters))}"
+        if name == "binomial-power-published":
+            label += "\n(the dot in the middle)"
         if name == "phong-classical":  # not reciprocal, and the furnace gathers over the direction of the light
             other = float(albedo(catalog.entry(name).family.build(**parameters), np.cos(np.radians(89.0))).value)
             label += f"\n(summed over views, light at 89 degrees: {other:.3g} times)"

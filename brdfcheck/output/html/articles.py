@@ -25,7 +25,7 @@ def verdict_row(report: Report, identity: str, claim: str | None) -> str:
     size = "" if math.isnan(report.albedo) else repr(float(report.albedo)).replace("inf", "Infinity")
     cells += [
         _cell(_pill(report), key=report.verdict.name, markup=True),
-        _cell(words.albedo_text(report, _SIGNS[0]), key=size, kind="number"),
+        _cell(words.albedo_text(report, _SIGNS[0]), key=size, kind="number" if math.isfinite(report.albedo) else ""),
         _cell(words.place_text(report, _SIGNS[1])),
         _cell(words.interval_text(report)),
         _cell({"none": "nothing", "single precision": "search, float32"}.get(report.basis, report.basis)),
@@ -66,7 +66,7 @@ def article(entry: Entry, identity: str, index: int) -> str:
 
 
 def _lead(report: Report) -> str:
-    text = f"Largest albedo {words.albedo_text(report, _SIGNS[0])}"
+    text = f"{'The' if report.unbounded else 'Largest'} albedo {words.albedo_text(report, _SIGNS[0])}"
     if words.place_text(report, _SIGNS[1]):
         text += f" at {words.place_text(report, _SIGNS[1])}"
     if words.interval_text(report):

@@ -209,7 +209,18 @@ function axisTicks(axis, count) {
   return apart;
 }
 
-const shown = (value, digits = 5) => (Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "no value");
+// How large the values of a table are, for its colours and cuts: a pole in a few nodes must not flatten all the rest.
+function extent(table) {
+  const finite = table.filter(Number.isFinite).sort();
+  if (!finite.length) return { least: 0, high: 1, cut: false };
+  const high = finite[finite.length - 1];
+  const usual = Math.max(finite[Math.floor(0.95 * (finite.length - 1))], 1);
+  const cut = high > 10 * usual;
+  return { least: finite[0], high: cut ? 2 * usual : high, cut };
+}
+
+const shown = (value, digits = 5) =>
+  !Number.isFinite(value) ? "no value" : Math.abs(value) < 1e6 ? String(Number(value.toPrecision(digits))) : value.toExponential(2);
 const albedoText = (value) => (!Number.isFinite(value) ? "no value" : Math.abs(value) < 1000 ? value.toFixed(4) : value.toPrecision(6));
 const unitOf = (name) => (name === "angle" || name === "azimuth" ? "\u00b0" : "");
 

@@ -55,10 +55,9 @@ class Explorer {
     if (!(key in this.tables)) this.tables[key] = entry.tables[key].map((text) => decode(text, entry.low, entry.high));
     this.channels = this.tables[key];
     this.table = this.channel < 0 ? largest(this.channels) : this.channels[this.channel];
-    const finite = this.table.filter(Number.isFinite);
-    const least = finite.reduce((a, b) => Math.min(a, b), 1);
-    const high = finite.reduce((a, b) => Math.max(a, b), 0);
-    this.scale = { least, low: Math.max(0, Math.min(least, 0.999)), high, limit: 1 + Math.max(entry.margin, entry.errors[key]) };
+    const found = extent(this.table);
+    const low = Math.max(0, Math.min(found.least, 0.999));
+    this.scale = { ...found, low, limit: 1 + Math.max(entry.margin, entry.errors[key]) };
     this.heat = null;
   }
 
@@ -289,7 +288,7 @@ class Explorer {
       context.fillStyle = `rgb(${colour(value, this.scale).map(Math.round).join(",")})`;
       context.fillRect(x, top + height - k - 1, 10, 1.5);
     }
-    const marks = [[0, low < 0.005 ? "0" : shown(low, 2)], [step, "1"], ...(gain ? [[1, high < 1.01 ? `1+${(high - 1).toExponential(0)}` : shown(high, 3)]] : [])];
+    const marks = [[0, low < 0.005 ? "0" : shown(low, 2)], [step, "1"], ...(gain ? [[1, high < 1.01 ? `1+${(high - 1).toExponential(0)}` : `${this.scale.cut ? "\u2265 " : ""}${shown(high, 3)}`]] : [])];
     for (const [part, text] of marks) this.label(context, text, x + 15, top + (1 - part) * height + (part === 0 ? -5 : part === 1 ? 5 : 0), "left");
   }
 
@@ -320,16 +319,21 @@ class Explorer {
     }
     this.label(context, upright ? "E" : axis.name === "angle" ? "angle of incidence" : axis.name, left + w / 2, height - 8, "center");
     this.stroke(context, this.ink.bad, 1.5, [place(0, 1), place(1, 1)], [5, 4]);
+    context.save();
+    context.beginPath();
+    context.rect(left, top, w, h);
+    context.clip();
     const colours = cuts.length === 3 ? ["#d6453d", "#2f9e57", "#3b7ddd"] : cuts.map(() => this.ink.accent);
     cuts.forEach((cut, k) => {
       const chosen = this.channel < 0 || this.channel === k;
       this.stroke(context, colours[k], chosen ? 2.2 : 0.8, Array.from(cut, (value, i) => place(axis.position[i], value)));
     });
+    context.restore();
     const here = overRows ? this.row : this.angle;
     this.stroke(context, this.ink.faint, 1, [place(here, low), place(here, high)], [2, 3]);
     const shownCut = this.channel < 0 ? largest(cuts) : cuts[this.channel];
     const value = look(axis.position, shownCut, here);
-    if (Number.isFinite(value)) {
+    if (Number.isFinite(value) && value <= high) {
       context.fillStyle = value > this.scale.limit ? this.ink.bad : this.ink.ink;
       context.beginPath();
       context.arc(...place(here, value), 4, 0, 2 * Math.PI);
