@@ -40,6 +40,8 @@ NARROW = {
     "a condition beside a constant": lambda wi, wo: jnp.where(jnp.stack([ring(wo), jnp.ones_like(ring(wo))])[0], 100.0, 0.1),
     "the larger of two conditions": lambda wi, wo: jnp.where(jnp.maximum(ring(wo), wi[..., 2] > 2), 100.0, 0.1),
     "conditions compared": lambda wi, wo: jnp.where(ring(wo) > (wi[..., 2] > 2), 100.0, 0.1),
+    "1/0 in the ring": lambda wi, wo: jnp.clip(1 / jnp.minimum(1e-2 - jnp.abs(wo[..., 2] - 0.61), 0), 0.1, 100.0),
+    "1/-0 in the ring": lambda wi, wo: jnp.clip(-1 / -jnp.minimum(1e-2 - jnp.abs(wo[..., 2] - 0.61), 0), 0.1, 100.0),
     "a condition as a number": lambda wi, wo: 0.1 + 99.9 * ring(wo).astype(wo.dtype),
     "a condition as a number, and back": lambda wi, wo: jnp.where(ring(wo).astype(wo.dtype) > 0.5, 100.0, 0.1),
 }

@@ -65,11 +65,10 @@ def square(a: Pair) -> Pair:
 
 
 def inverse(a: Pair) -> tuple[Pair, Mask]:
-    """1/a, and where a may be 0."""
+    """1/a, and where a may be 0: there it is infinite, of either sign if a may be negative or -0."""
     low, high = a
-    mixed = (low < 0) & (high > 0)
     zero = (low <= 0) & (high >= 0)
-    ends = np.where(mixed | (high == 0), -np.inf, 1 / high), np.where(mixed | (low == 0), np.inf, 1 / low)
+    ends = np.where(zero & np.signbit(low) | (high == 0), -np.inf, 1 / high), np.where(zero, np.inf, 1 / low)
     return out(*ends), _some(zero)
 
 
