@@ -225,3 +225,10 @@ def test_steps_jump():
     halves = Enclosed((np.array([[-0.5, 0.49999999999999994]]), np.array([[2.5, 0.5]])))
     away = OPERATIONS["round"](halves, rounding_method=0)
     assert (away.ends[0].tolist(), away.ends[1].tolist()) == ([[-1, 0]], [[3, 1]])
+
+
+def test_the_inverse_of_0_has_the_sign_of_0():
+    with np.errstate(all="ignore"):
+        below, above, minus_0 = (only(e.reciprocal(interval(*ends))) for ends in ((-2, 0), (0, 2), (-0.0, 2)))
+    assert below == minus_0 == (-math.inf, math.inf)
+    assert above == (pytest.approx(0.5), math.inf)

@@ -97,7 +97,7 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
         return found
     if len(ends) > 1:
         raise Unknown(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
-    parameter = next(iter(ends), "n" if hasattr(brdf.core, "n") else "reflectance")
+    parameter = next(iter(ends), None) or ("n" if hasattr(brdf.core, "n") else "reflectance")
     lobe = lobe_of(brdf, family.name, parameter)
     if not ends:
         value = exact(getattr(brdf.core, parameter), parameter)

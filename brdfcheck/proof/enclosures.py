@@ -65,11 +65,10 @@ def square(a: Pair) -> Pair:
 
 
 def inverse(a: Pair) -> tuple[Pair, Mask]:
-    """1/a, and where a may be 0."""
+    """1/a, and where a may be 0: there it is infinite, of either sign if a may be negative or -0."""
     low, high = a
-    mixed = (low < 0) & (high > 0)
     zero = (low <= 0) & (high >= 0)
-    ends = np.where(mixed | (high == 0), -np.inf, 1 / high), np.where(mixed | (low == 0), np.inf, 1 / low)
+    ends = np.where(zero & np.signbit(low) | (high == 0), -np.inf, 1 / high), np.where(zero, np.inf, 1 / low)
     return out(*ends), _some(zero)
 
 
@@ -176,7 +175,7 @@ def integer_power(a: Enclosed, power: int) -> Enclosed:
     if power < 0:
         return reciprocal(integer_power(a, -power))
     if power == 0:
-        return point(1.0)
+        return point(np.ones(len(a.ends[0])))
     return a.chained(_power(a.ends, power), lambda: times(_exact(power), _power(a.ends, power - 1)))
 
 
@@ -331,14 +330,14 @@ def steps(function: Callable[[np.ndarray], np.ndarray], a: Enclosed) -> Enclosed
 
 
 def power(a: Enclosed, b: Enclosed) -> Enclosed:
-    """a^b for a >= 0; of a base that may be negative it is undefined, but for one whole number as exponent."""
+    """a^b for a >= 0; of a base that may be negative it is undefined, but for whole numbers as exponents."""
     if b.ends[0] is b.ends[1] and b.ends[0].size == 1 and float(b.ends[0].item()).is_integer() and abs(b.ends[0].item()) < 4096:
         return integer_power(a, int(b.ends[0].item()))
     inside, outside = _clipped(a.ends, 0, np.inf)
 
-    def corners(exponent: Pair) -> Pair:
+    def corners(exponent: Pair, bases: Pair = inside) -> Pair:
         powers = exponent[:1] if exponent[0] is exponent[1] else exponent
-        values = [np.power(base, end) for base in inside for end in powers]
+        values = [np.power(base, end) for base in bases for end in powers]
         low, high = values[0], values[0]
         for value in values[1:]:
             low, high = np.minimum(low, value), np.maximum(high, value)
@@ -346,6 +345,11 @@ def power(a: Enclosed, b: Enclosed) -> Enclosed:
         return np.maximum(low, 0), high
 
     ends = corners(b.ends)
+    if outside is not None:
+        # Exponents that are whole numbers are single points, but a parameter may be there: the power or its opposite.
+        most = corners(b.ends, absolute(a).ends)[1]
+        some = outside & (np.floor(b.ends[1]) >= np.ceil(b.ends[0]))
+        ends = np.where(some, np.minimum(ends[0], -most), ends[0]), np.where(some, np.maximum(ends[1], most), ends[1])
 
     def by_base() -> Pair:
         # Between 1/2 and 2 the difference has no error.

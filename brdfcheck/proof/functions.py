@@ -126,7 +126,8 @@ def _ends(low: float, high: float) -> tuple[tuple[float, float], tuple[float, fl
 def _angles(cosines: tuple[float, float]) -> tuple[tuple[float, float], tuple[float, float]]:
     """The angles of incidence over 90 degrees: all of them, and those that are surely meant."""
     ends = [math.acos(end) / (math.pi / 2) for end in reversed(cosines)]
-    slack = [0.0 if end in (0, 1) else 1e-12 for end in reversed(cosines)]  # acos is right to far less
+    # What a cosine may be off as a decimal, by the slope of acos there; acos itself is right to far less.
+    slack = [0.0 if x in (0, 1) else 1e-12 + 2.0**-52 / math.sqrt((1 - x) * (1 + x)) for x in reversed(cosines)]
     outer = max(0.0, ends[0] - slack[0]), min(1.0, ends[1] + slack[1])
     inner = ends[0] + slack[0], ends[1] - slack[1]
     return outer, inner if inner[0] <= inner[1] else (ends[0], ends[0])

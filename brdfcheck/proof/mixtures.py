@@ -20,6 +20,7 @@ from brdfcheck.brdf.mixtures import FresnelBlend, Mixture
 from brdfcheck.proof.certificate import CONSERVES, Certificate, bound, document
 from brdfcheck.proof.cover import NotProved, written
 from brdfcheck.proof.reading import Unknown, exact
+from brdfcheck.runtime import double_precision
 
 Ends = tuple[Fraction, Fraction | None]
 KINDS = ("mixture", "fresnel blend")
@@ -39,11 +40,12 @@ def certificate(family: Family, ends: Mapping[str, Ends], prove: Callable[[Famil
 
     values = tuple(np.float32(low) for low, _ in family.ranges.values())
     try:
-        jaxpr = jax.make_jaxpr(build)(*values).jaxpr
-        if names:  # with symbols in place of the parameters, but with numbers for what is constant
-            jax.jvp(build, values, tuple(map(np.ones_like, values)))
-        else:
-            build()
+        with double_precision():  # constants keep their digits
+            jaxpr = jax.make_jaxpr(build)(*values).jaxpr
+            if names:  # with symbols in place of the parameters, but with numbers for what is constant
+                jax.jvp(build, values, tuple(map(np.ones_like, values)))
+            else:
+                build()
     except (Exception, SystemExit):  # whatever a user's factory throws; who reads formulas says what is wrong
         return None
     brdf = made[-1]

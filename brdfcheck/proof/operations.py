@@ -16,10 +16,11 @@ Value = Enclosed | Truth
 
 
 def _truth(value: Value) -> Truth:
-    """A condition; a number that stands for one is 0 or 1."""
+    """A condition; a number that stands for one is 0 or 1, or lies between them where it may be either."""
     if isinstance(value, Truth):
         return value
-    return Truth(value.ends[0] != 0, value.ends[0] == 0)
+    low, high = value.ends
+    return Truth((low != 0) | (high != 0), (low <= 0) & (high >= 0))
 
 
 def _and(a: Value, b: Value) -> Truth:
@@ -131,9 +132,13 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 }
 COVERED = frozenset(OPERATIONS)
 _KEPT = frozenset(("y", "rounding_method"))
+# What takes conditions as they are; to anything else they are 1 or 0.
+_OF_CONDITIONS = frozenset(("eq", "ne", "and", "or", "not", "xor", "select_n"))
 
 
 def _apply(step: Step, arguments: list[Value]) -> Value:
+    if step.name not in _OF_CONDITIONS:
+        arguments = [_number(value) for value in arguments]
     return OPERATIONS[step.name](*arguments, **{key: value for key, value in step.parameters.items() if key in _KEPT})
 
 

@@ -24,6 +24,7 @@ from brdfcheck.messages import UsageError, one_line
 from brdfcheck.proof.cover import LinearFactor
 from brdfcheck.proof.lobes import Constant as ConstantProfile
 from brdfcheck.proof.lobes import Power, Profile, Rational, TruncatedPower
+from brdfcheck.runtime import double_precision
 
 _MOST_PI = 64
 # What JAX makes of a number that goes somewhere as it is.
@@ -69,12 +70,14 @@ def built(family: Family) -> Any:
         return [getattr(brdf.core, name, 0.0) for name in names]
 
     if not names:
-        fields()
+        with double_precision():
+            fields()
         return made[-1]
     try:
-        jaxpr = jax.make_jaxpr(fields)(*values).jaxpr
-        made.clear()
-        jax.jvp(fields, tuple(values), tuple(np.ones_like(value) for value in values))  # symbols, but constants are numbers
+        with double_precision():  # constants keep their digits
+            jaxpr = jax.make_jaxpr(fields)(*values).jaxpr
+            made.clear()
+            jax.jvp(fields, tuple(values), tuple(np.ones_like(value) for value in values))  # symbols, but constants are numbers
     except UsageError:
         raise
     except (Exception, SystemExit) as error:
