@@ -105,7 +105,7 @@ def test_what_has_not_changed_is_not_checked_again(
     first = run("check", "--json", "-")[1]
     assert len(kept()) == 3
     counted: list[str] = []
-    module = importlib.import_module("brdfcheck.verdict.check")
+    module = importlib.import_module("brdfcheck.verdict.checking")
     original = module.check_family
 
     def counting(family: Any, **options: Any) -> Any:
@@ -134,6 +134,20 @@ def test_what_has_not_changed_is_not_checked_again(
     monkeypatch.setenv(cache.SWITCH, "0")
     run("check", "-k", "bright")
     assert counted == ["mine.py:bright"]
+
+
+def test_what_is_known_needs_no_jax(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
+    """A verdict from the cache costs what reading a few files does: what computes takes a second to import."""
+    write("brdfcheck.toml", GATE)
+    first = run("check")
+    code = (
+        "import sys; from brdfcheck.cli.process import run; code = run(['check']);"
+        " print([name for name in ('jax', 'numpy', 'scipy') if name in sys.modules]); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "all from the cache" in done.stdout, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert done.returncode == first[0]
 
 
 def test_an_entry_that_is_damaged_costs_time_only(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:

@@ -14,7 +14,7 @@ import brdfcheck
 import brdfcheck.gate.testing
 import brdfcheck.output.curves
 import brdfcheck.plots.panels
-import brdfcheck.verdict.check
+import brdfcheck.verdict.checking
 
 pytest_plugins = ["pytester"]
 
