@@ -418,7 +418,7 @@ def test_check_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture
     (result,) = record["results"]
     assert (result["file"], result["line"], result["verdict"]) == (path, 10, "CONSERVES")
     assert result["albedo"] == pytest.approx(2 * 4 / 64 * np.pi, rel=1e-9)  # k = 2 of its range
-    assert record["settings"]["over"]["tint.g"] == [0.5, 0.5]
+    assert record["settings"]["over"]["tint"] == [1, 0.5, 0.25]  # as it was asked
 
 
 def test_check_of_a_function_with_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ import pytest
 from _instruments import stability
 from _instruments.stability import Outcome
 from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import Normalized
+from brdfcheck.brdf.factors import AbstractFactor, Normalized
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
@@ -117,12 +117,20 @@ def test_wrong_references_make_false_verdicts():
     assert stability.matrix_verdicts(wrong)["false"] > 0.3 * phong.albedo.size
 
 
-def test_in_float32_a_factor_near_the_exact_one_is_undecided():
-    factor = exact_factor(Phong(1.0))
-    assert factor is not None
+class Unknown(AbstractFactor):
+    """Phong's exact factor under a name of which nothing can be proved."""
+
+    def __call__(self, n):
+        return exact_factor(Phong(1.0))(n)  # pyright: ignore[reportOptionalCall]
+
+
+@pytest.mark.parametrize("factor", [Unknown(), exact_factor(Phong(1.0))])
+def test_in_float32_a_factor_near_the_exact_one_is_undecided_where_nothing_is_proved(factor):
     with jax.enable_x64(False):
         report = check_family(Family("exact", lambda n: Normalized(Phong(n), factor), {"n": (10.0, 20.0)}))
-    assert report.verdict is Verdict.UNDECIDED
+    proved = not isinstance(factor, Unknown)
+    assert report.verdict is (Verdict.CONSERVES if proved else Verdict.UNDECIDED)
+    assert (report.basis == "proof") is proved
     assert report.error > 1e-6
 
 

@@ -54,7 +54,8 @@ def grey(wi, wo):
 """
 SHADER = """
 uniform float k = 0.5;
-float f(vec3 L, vec3 V) { return k / 3.141592653589793; }
+uniform vec3 F0 = vec3(0.04);
+vec3 f(vec3 L, vec3 V) { return (F0 + (vec3(1.0) - F0) * 0.25) * k / 3.141592653589793; }
 """
 
 
@@ -185,7 +186,8 @@ def test_a_function_of_facets_has_the_split_sum_of_ours(mine):
 
 def test_a_shader(mine):
     shader = renderer_table("shader.glsl:f", {"k": (0.0, 1.0)}, size=(2, 2))
-    assert shader.grid.values == pytest.approx(np.array([[0.25, 0.25], [0.75, 0.75]]), abs=1e-6)
+    for part, share in ((shader.grid.values, 1), (shader.scale[0], 0.75), (shader.bias[0], 0.25)):
+        assert part == pytest.approx(np.array([[0.25, 0.25], [0.75, 0.75]]) * share, abs=1e-6)
 
 
 @pytest.mark.slow

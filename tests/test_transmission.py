@@ -3,12 +3,14 @@
 # pyright: reportArgumentType=false
 from __future__ import annotations
 
+import functools
 import importlib.util
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 import brdfcheck
 from brdfcheck.brdf import catalog
@@ -76,7 +78,7 @@ def shares(surface, cosine: float, below: float = 0.0) -> np.ndarray:
     return np.array([float(albedo(surface.lit(below, part), cosine).value) for part in ("reflected", "transmitted")])
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", few(KINDS, ("ggx",)))
 @pytest.mark.parametrize(
     ("alpha", "eta", "cosine", "below"), [(0.3, 1.5, 0.6, 0.0), (0.5, 1.5, 0.7, 1.0), (0.2, 1.33, 0.2, 1.0)]
 )
@@ -87,6 +89,7 @@ def test_rough_boundary_against_monte_carlo_over_facets(kind, alpha, eta, cosine
     assert np.all(error < 2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "below", "cosine"), [("ggx", 0.0, 0.7), ("beckmann", 1.0, 0.85), ("ggx", 1.0, 0.4)])
 def test_half_vectors_against_directions(kind, below, cosine):
     """The engine for facets against engine 3 over directions, which knows nothing of half vectors and their Jacobian."""
@@ -100,29 +103,31 @@ def test_half_vectors_against_directions(kind, below, cosine):
         assert float(exact.error) < 1e-8
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def integrated(digits, kind, alpha, eta, below, cosine):
+    found = HalfVector(digits).integrate(RoughDielectric(alpha, eta, kind).lit(below), cosine)
+    return found.value, found.error
+
+
+@pytest.mark.parametrize("kind", few(KINDS, ("ggx",)))
 @pytest.mark.parametrize(
     ("alpha", "eta", "below", "cosine"),
     [(0.05, 1.5, 0.0, 0.3), (0.05, 2.5, 1.0, 0.93), (0.3, 1.5, 1.0, 0.745), (1.0, 1.1, 0.0, 0.05), (1.0, 2.5, 1.0, 0.6)],
 )
 def test_error_bar_of_the_facet_rule(kind, alpha, eta, below, cosine):
     """Against the same integral with two thirds more digits, near the critical angle (0.745 for 1.5) too."""
-    core, mu = RoughDielectric(alpha, eta, kind).lit(below), jnp.asarray(cosine)
-    usual, finer = HalfVector().integrate(core, mu), HalfVector(15.9).integrate(core, mu)
-    assert abs(float(usual.value) - float(finer.value)) <= float(usual.error) < 1e-8
+    place = (kind, alpha, eta, below, cosine)
+    (usual, error), (finer, _) = integrated(9.6, *place), integrated(15.9, *place)
+    assert abs(float(usual) - float(finer)) <= float(error) < 1e-8
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", few(KINDS, ("ggx",)))
 def test_furnace_closes_up_to_masking(kind):
     """R + T = 1 - what masking loses: smooth facets lose nothing, rough ones some, none gain."""
-    cosines = jnp.array([1.0, 0.8, 0.5, 0.2])
-    smooth = albedo(RoughDielectric(1e-3, 1.5, kind).lit(), cosines[:3]).value
-    # GGX has a long tail: of slopes beyond 1 there are alpha^2 / 2.
-    np.testing.assert_allclose(smooth, 1, atol=1e-5)
-    for below in (0.0, 1.0):
-        rough = np.asarray(albedo(RoughDielectric(0.6, 1.5, kind).lit(below), cosines).value)
-        assert np.all(rough < 1 - 1e-4)
-        assert np.all(rough > 0.5)
+    for cosine in (1.0, 0.8, 0.5):  # along the normal, too, where the circles about it are no circles about the light
+        assert float(albedo(RoughDielectric(1e-3, 1.5, kind).lit(), cosine).value) == pytest.approx(1, abs=1e-5)
+        for below in (0.0, 1.0):
+            assert 0.5 < float(albedo(RoughDielectric(0.6, 1.5, kind).lit(below), cosine).value) < 1 - 1e-4
 
 
 def test_lossless_masking_is_the_projected_area():
@@ -233,6 +238,7 @@ def paper(wi, wo, through):
     return jnp.where(wi[..., 2] * wo[..., 2] < 0, through, 1 - through) / jnp.pi
 
 
+@pytest.mark.slow
 def test_a_function_with_parameters_is_checked_on_both_sides():
     report = check(paper, through=(0.0, 1.0), effort="quick")
     assert report.verdict is Verdict.CONSERVES

@@ -39,8 +39,8 @@ NoCache = Annotated[bool, typer.Option("--no-cache", help="Check again what has 
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say only what does not pass.")]
 Watch = Annotated[bool, typer.Option("--watch", help="Check again whenever a file is saved, until Ctrl-C.")]
 
-# Seconds between two looks at the files.
-_EVERY = 0.3
+# Milliseconds after which files are looked at whatever their folders said.
+_EVERY = 1000
 
 
 def gate(config: str | None, no_config: bool) -> Gate | None:
@@ -136,8 +136,19 @@ def watched(requests: Sequence[Request], gate: Gate | None) -> int:
 
     if not files():
         raise UsageError("--watch: BRDFs of the catalogue are in no file that could be saved")
-    again(lambda: subprocess.run(command, check=False).returncode, files, lambda: time.sleep(_EVERY))
+    again(lambda: subprocess.run(command, check=False).returncode, files, lambda: _saved(files()))
     return 0
+
+
+def _saved(files: set[Path]) -> None:
+    """Wait until something happens in the folders of the files, or `_EVERY` is over."""
+    from watchfiles import watch
+
+    folders = {file.absolute().parent for file in files if file.absolute().parent.is_dir()}
+    if not folders:
+        time.sleep(_EVERY / 1000)
+        return
+    next(watch(*folders, recursive=False, step=20, rust_timeout=_EVERY, yield_on_timeout=True), None)
 
 
 def again(run: Callable[[], object], files: Callable[[], set[Path]], pause: Callable[[], object]) -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -146,12 +145,19 @@ def sources(
                 raise UsageError(f"roughness must be >= 0; got {low:g}")
             asked[width] = low * low, high * high
             inner = width if given else ""
+    f0: list[str] = []
     if not (inspect.isclass(value) and issubclass(value, AbstractBRDF)):  # ours have none by default, which is F = 1
-        f0 = [name for name in signature.names if name.lower().partition(".")[0] == "f0"]
-        parts = [name for name in f0 if "." in name]
-        if not any(name in asked for name in f0):
-            asked |= dict.fromkeys(parts or f0, (1.0, 1.0))
-    family = _resolved(target, value, spec, signature, asked, reading, cos_theta)
+        known = [name for name in signature.names if name.lower().partition(".")[0] == "f0"]
+        f0 = [name for name in known if "." in name] or known
+        if not any(name in asked for name in known):
+            asked |= dict.fromkeys(f0, (1.0, 1.0))
+
+    def family_at(number: float | None) -> Family:
+        own = {} if number is None else dict.fromkeys(f0, (number, number))
+        kept = {name: ends for name, ends in asked.items() if not own or name.lower().partition(".")[0] != "f0"}
+        return _resolved(target, value, spec, signature, {**kept, **own}, reading, cos_theta)
+
+    family = family_at(None)
     if not given:
         free = [name for name, (low, high) in family.ranges.items() if low < high and name not in family.switches]
         if len(free) > 1:
@@ -159,7 +165,23 @@ def sources(
         if free:
             inner = parameter = free[0]
             bounds = family.ranges[parameter]
-    return _of_one(family, parameter, (first(*bounds), bounds[1]), inner), bounds
+    ends = first(*bounds), bounds[1]
+    own = _over_one(family, parameter, ends, inner)
+    mapping = f"{inner} = {parameter}^2" if inner != parameter else ""
+    found = Sources(own, parameter or ROW, mapping=mapping, formula=formula_of(family))
+    core: Any = core_of(own.build(**{found.parameter: ends[1]}))
+    if isinstance(core, AbstractMicrofacetLobe) and "f0" in inspect.signature(type(core)).parameters:
+        white, bias = (
+            _over_one(family, parameter, ends, inner, lambda brdf, f0=f0: _with_schlick(brdf, f0)) for f0 in (None, 0.0)
+        )
+        return replace(found, white=own if getattr(core, "f0", None) is None else white, bias=bias), bounds
+    if not f0 or inner in f0:
+        why = f"{family.name} is no microfacet lobe of this package and has no parameter F0 of a Fresnel term by Schlick"
+        return replace(found, why=why), bounds
+    bias, half, white = (_over_one(family_at(number), parameter, ends, inner) for number in (0.0, 0.5, 1.0))
+    given_f0 = [ends for name, ends in asked.items() if name.lower().partition(".")[0] == "f0"]
+    is_white = all(ends == (1.0, 1.0) for ends in given_f0)
+    return replace(found, white=own if is_white else white, bias=bias, half=half), bounds
 
 
 def _resolved(
@@ -185,43 +207,30 @@ def _resolved(
     return found.family
 
 
-def _of_one(family: Family, parameter: str, bounds: tuple[float, float], inner: str) -> Sources:
-    """All families of a table. `inner`: what the target calls the parameter."""
+def _over_one(
+    family: Family,
+    parameter: str,
+    bounds: tuple[float, float],
+    inner: str,
+    changed: Callable[[Any], Any] = lambda brdf: brdf,
+) -> Family:
+    """A family over one parameter, which it calls `inner`, all others held; `changed`: what is made of each BRDF."""
     others = {name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items() if name != inner}
     squared = inner != parameter
 
-    def one(values: Mapping[str, float] = MappingProxyType({}), changed: Callable[[Any], Any] = lambda brdf: brdf) -> Family:
-        def build(**own: Any) -> Any:
-            (number,) = own.values()
-            running = {inner: number * number if squared else number} if inner else {}
-            return changed(family.build(**{**others, **values, **running}))
+    def build(**own: Any) -> Any:
+        (number,) = own.values()
+        return changed(family.build(**others, **({inner: number * number if squared else number} if inner else {})))
 
-        build.__name__ = getattr(family.build, "__name__", family.name)
-        return replace(
-            family,
-            build=with_options_of(family.build, build),
-            ranges={parameter or ROW: bounds},
-            held={**family.held, **others},
-            switches=frozenset(),
-            pointwise=None,
-        )
-
-    own = one()
-    found = Sources(own, parameter or ROW, mapping=f"{inner} = {parameter}^2" if squared else "", formula=formula_of(family))
-    brdf = own.build(**{found.parameter: bounds[1]})
-    core: Any = core_of(brdf)
-    if isinstance(core, AbstractMicrofacetLobe) and "f0" in inspect.signature(type(core)).parameters:
-        white = own if getattr(core, "f0", None) is None else one(changed=lambda brdf: _with_schlick(brdf, None))
-        return replace(found, white=white, bias=one(changed=lambda brdf: _with_schlick(brdf, 0.0)))
-    names = [name for name in others if name.lower().partition(".")[0] == "f0"]
-    if not names:
-        return replace(
-            found,
-            why=f"{family.name} is no microfacet lobe of this package and has no parameter F0 of a Fresnel term by Schlick",
-        )
-    white = own if all(others[name] == 1 for name in names) else one(dict.fromkeys(names, 1.0))
-    bias, half = (one(dict.fromkeys(names, f0)) for f0 in (0.0, 0.5))
-    return replace(found, white=white, bias=bias, half=half)
+    build.__name__ = getattr(family.build, "__name__", family.name)
+    return replace(
+        family,
+        build=with_options_of(family.build, build),
+        ranges={parameter or ROW: bounds},
+        held={**family.held, **others},
+        switches=frozenset(),
+        pointwise=None,
+    )
 
 
 def _with_schlick(brdf: Any, f0: float | None) -> Any:

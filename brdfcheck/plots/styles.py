@@ -32,7 +32,7 @@ LOBES: dict[str, tuple[str, str]] = {
     "Cook-Torrance": ("#000000", "X"),
     "Beckmann-Smith": ("#332288", "p"),
     "GGX": ("#663311", "*"),
-    "dielectric": ("#117777", "H"),
+    "dielectric": ("#940EF4", "H"),
 }
 DASHES: tuple[Dashes, ...] = (
     (),

@@ -28,7 +28,8 @@ CHECKSUM = "CRC-32 of the chunk's files, written last"
 _PACKAGE = Path(__file__).resolve().parent.parent
 # What a sweep computes with: modules and folders. Others may change between a run and its continuation.
 _COMPUTING = (
-    "geometry", "numerics", "runtime", "cores", "messages", "documents", "interruption", "brdf", "quadrature", "sweep",
+    "geometry", "numerics", "runtime", "cores", "folders", "messages", "documents", "interruption", "brdf", "quadrature",
+    "sweep",
 )  # fmt: skip
 _LONG_NAMES = {
     "n": "exponent",
