@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from projects import GATE, MINE, Run, Write, forget
 import brdfcheck
 from brdfcheck.brdf import catalog
 from brdfcheck.cli import ExitCode, project
-from brdfcheck.gate import cache, sources
+from brdfcheck.gate import cache, config, sources
 from brdfcheck.gate.requests import Case, Request, cases
 from brdfcheck.output.records import plain
 
@@ -159,8 +160,9 @@ def test_what_is_known_needs_no_jax(run: Run, write: Write, kept: Callable[[], l
 def test_an_entry_that_is_damaged_costs_time_only(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
     assert run("check", "lambert")[0] == ExitCode.PASSED
     (entry,) = kept()
-    for damage in ("albino", "{"):
-        entry.write_text(entry.read_text().replace("albedo", damage))
+    whole = entry.read_text()
+    for damage in (whole.replace("albedo", "albino"), whole.replace("albedo", "{"), "[]", "null", ""):
+        entry.write_text(damage)
         code, out, _ = run("check", "lambert")
         assert code == ExitCode.PASSED
         assert "cache" not in out
@@ -269,6 +271,24 @@ def test_watching_is_a_process_that_checks_again(write: Write, here: Path) -> No
             process.kill()
     assert "VIOLATES" in first[1]
     assert "albedo 0.7500000000" in second[1]
+
+
+def test_a_subject_that_is_new_is_watched_too(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write("brdfcheck.toml", GATE)
+    write("later.py", "def late():\n    return 1\n")
+    seen: list[set[str]] = []
+
+    def twice(run: Callable[[], object], files: Callable[[], set[Path]], pause: Callable[[], object]) -> None:
+        for text in ("", '[[subjects]]\ntarget = "later.py:late"\n', "[["):
+            path.write_text(textwrap.dedent(GATE) + text)
+            seen.append({file.name for file in files()})
+
+    monkeypatch.setattr(project, "again", twice)
+    gate = config.read(path)
+    assert gate is not None
+    project.watched(gate.requests(), gate)
+    before = {"brdfcheck.toml", "mine.py", "gray_of_mine.py"}
+    assert seen == [before, before | {"later.py"}, before | {"later.py"}]  # the last one is not TOML
 
 
 def test_what_is_in_doubt_is_watched_with_its_neighbours(write: Write) -> None:

@@ -160,7 +160,7 @@ def check_command(
         requests = Request(wanted, ranges, cos_theta, how, **own).apart()
     requests = project.filtered(requests, substring)
     if watch:
-        return project.watched(requests, gate)
+        return project.watched(requests, gate, substring)
     settings = _settings(
         substring,
         tolerance,
