@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,16 +25,16 @@ _WORDS = {
     "int_from_float": "must be a whole number",
     "float_type": "must be a number",
     "finite_number": "must be finite",
-    "string_type": "must be a text",
+    "string_type": "must be a string",
     "list_type": "must be a list",
     "tuple_type": "must be a list",
     "dict_type": "must be a table",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
-    "greater_than": "must be above {gt}",
-    "greater_than_equal": "must be at least {ge}",
-    "less_than": "must be below {lt}",
-    "less_than_equal": "must be at most {le}",
+    "greater_than": "must be above {gt:.10g}",
+    "greater_than_equal": "must be at least {ge:.10g}",
+    "less_than": "must be below {lt:.10g}",
+    "less_than_equal": "must be at most {le:.10g}",
     "too_short": "must have at least {min_length} entries",
     "too_long": "must have at most {max_length} entries",
     "string_too_short": "must have at least {min_length} characters",
@@ -42,6 +42,9 @@ _WORDS = {
     "union_tag_invalid": "must be one of {expected_tags}",
     "union_tag_not_found": "needs the key {discriminator}",
 }
+
+# Of what must not be empty.
+_ONE = {"too_short": "must have at least one entry", "string_too_short": "must not be empty"}
 
 _M = TypeVar("_M", bound="Model")
 
@@ -92,6 +95,8 @@ def _told(model: type[Model], document: Any, error: Any) -> str:
     context = error.get("ctx", {})
     if kind == "value_error":
         words = one_line(context["error"])
+    elif kind in _ONE and context["min_length"] == 1:
+        words = _ONE[kind]
     else:
         words = _WORDS[kind].format(**context) if kind in _WORDS else one_line(error["msg"])
     return _at(place, words if kind == "missing" else f"{words}; got {shown(error['input'])}")
@@ -144,13 +149,29 @@ def _at(place: list[str | int], words: str) -> str:
     return f"{text}: {words}" if text else words
 
 
+def read_text(path: str | Path) -> tuple[str, Callable[[str], str]]:
+    """The text of a file, and what gives a text this file's line ends and, where it has one, its byte order mark.
+
+    Editors on Windows write ``\\r\\n`` and the mark, which TOML does not have. OSError, UnicodeDecodeError.
+    """
+    text = Path(path).read_bytes().decode("utf-8")
+    mark = "\ufeff" if text.startswith("\ufeff") else ""
+    windows = 0 < text.count("\r\n") == text.count("\n")
+    text = text.removeprefix(mark)
+
+    def own(changed: str) -> str:
+        return mark + (changed.replace("\n", "\r\n") if windows else changed)
+
+    return text.replace("\r\n", "\n") if windows else text, own
+
+
 def read_document(path: str | Path) -> tuple[dict[str, Any], str]:
     """What a TOML file says, and its name for messages. UsageError where there is none, or where it is not TOML."""
     label = one_line(path)
     try:
         if Path(path).is_dir():
             raise UsageError(f"{label} is a folder; give a TOML file")
-        text = Path(path).read_bytes().decode("utf-8")
+        text, _ = read_text(path)
     except UsageError:
         raise
     except FileNotFoundError:

@@ -73,7 +73,11 @@ def _checker(request: pytest.FixtureRequest) -> Checker:
     """
     from brdfcheck.gate.testing import Checker
 
-    return Checker(lambda work: _told(request.node, work, trace=True))
+    def told(work: Any) -> Any:
+        __tracebackhide__ = True  # the line that matters is the test's
+        return _told(request.node, work, trace=True)
+
+    return Checker(told)
 
 
 def _told(item: pytest.Item, work: Any, *, trace: bool = False) -> Any:

@@ -20,7 +20,8 @@ import brdfcheck
 from brdfcheck.cli import ExitCode
 from brdfcheck.output import records, sarif
 from brdfcheck.verdict import Report, Verdict
-from brdfcheck.verdict.checks import CHECKS, Check
+from brdfcheck.verdict.checks import CHECKS
+from brdfcheck.verdict.parts import Check
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 GOOD = Report("mine.py:good", Verdict.CONSERVES, {}, albedo=0.5, error=1e-9, cos_theta=1.0, basis="search")

@@ -139,7 +139,7 @@ def test_3_for_an_internal_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> N
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("planted")
 
-    monkeypatch.setattr(importlib.import_module("brdfcheck.verdict.check"), "check_family", fail)
+    monkeypatch.setattr(importlib.import_module("brdfcheck.verdict.checking"), "check_family", fail)
     code, _, err = run("check", "phong")
     assert code == ExitCode.INTERNAL_ERROR
     assert err == "brdfcheck: internal error: ZeroDivisionError: planted (--debug shows the traceback)\n"

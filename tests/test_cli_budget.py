@@ -66,7 +66,7 @@ def test_a_budget_with_all_its_files(scene, tmp_path, capsys):
         ("size = 16", "size = ", "is not TOML"),
         ('kind = "distant"\ndirection = [1, 1, 1]', 'kind = "ambient"', "Metal is lit by Distant, Point and Spot lights only"),
         ("[output]", '[geometry]\nkind = "sphere"\nradius = 9\n[output]', "inside the sphere"),
-        ("[output]", "[room]\nreflectance = 1.2\nemission = 1\n[output]", "room.reflectance: must be below 1.0; got 1.2"),
+        ("[output]", "[room]\nreflectance = 1.2\nemission = 1\n[output]", "room.reflectance: must be below 1; got 1.2"),
     ],
 )
 def test_wrong_scenes(scene, capsys, old, new, message):

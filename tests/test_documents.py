@@ -58,10 +58,10 @@ def test_what_is_right_is_a_model() -> None:
     [
         ({"nmae": 1, "name": None}, "f: unknown key 'nmae'; did you mean name? allowed: name, rooms, lights"),
         ({"name": None}, "f: name: is missing"),
-        ({"name": 3}, "f: name: must be a text; got 3"),
+        ({"name": 3}, "f: name: must be a string; got 3"),
         ({"rooms": 1}, "f: rooms: must be a table; got 1"),
         ({"rooms": {"x": 2}}, "f: rooms.x: must be a table; got 2"),
-        ({"rooms": {"x": {"reflectance": 1}}}, "f: rooms.x.reflectance: must be below 1.0; got 1"),
+        ({"rooms": {"x": {"reflectance": 1}}}, "f: rooms.x.reflectance: must be below 1; got 1"),
         ({"rooms": {"x": {"reflectance": True}}}, "f: rooms.x.reflectance: must be a number; got True"),
         ({"rooms": {"x": {"reflectance": float("nan")}}}, "f: rooms.x.reflectance: must be finite; got nan"),
         ({"rooms": {"x": {"reflectance": 0, "cells": 2.5}}}, "f: rooms.x.cells: must be a whole number; got 2.5"),

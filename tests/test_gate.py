@@ -98,7 +98,7 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
     ("text", "said"),
     [
         ("", "subjects: is missing"),
-        ("subjects = []", "subjects: must have at least 1 entries"),
+        ("subjects = []", "subjects: must have at least one entry"),
         ('[[subjects]]\ntarget = "a.py:f"\novr = {}', "unknown key 'ovr'; did you mean over?"),
         ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [3, 1] }', "n: LO must not exceed HI"),
         ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, 3] }\nhold = { n = 1 }', "n is both in over and in hold"),
@@ -108,12 +108,13 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
         ('[[subjects]]\ntarget = "a.py:f"\neffort = "slow"', "must be one of 'quick', 'normal' or 'thorough'; got 'slow'"),
         ('[[subjects]]\ntarget = "gone.py:f"', "there is no file 'gone.py'"),
         ('[[subjects]]\ntarget = "mine.py:matt"', "the parameter k must be given a range"),
-        ('[[subjects]]\ntarget = ""', "target: must have at least 1 characters"),
+        ('[[subjects]]\ntarget = ""', "target: must not be empty"),
         ('[[subjects]]\ntarget = "a.py:f"\nover = { n = 3 }', "over.n: must be a range [LO, HI], or { values = [...] }"),
         ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, inf] }', "over.n[1]: must be finite; got inf"),
         ('[[subjects]]\ntarget = "a.py:f"\nhold = { n = [1] }', "hold.n: must be a number, true or false, or the 2 to 4"),
         ('[[subjects]]\ntarget = "a.py:f"\nexpect = "fails"', 'expect: must be "conserves" or { violates = ALBEDO, reason'),
-        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = nan, reason = "x" }', "violates: must be above 1.0; got nan"),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = nan, reason = "x" }', "violates: must be above 1; got nan"),
+        ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = 2, reason = " " }', "expect.reason: must not be empty"),
         ("][", "is not TOML"),
     ],
 )
@@ -284,6 +285,18 @@ def test_a_file_that_cannot_be_edited_is_left_alone(write: Write, text: str, nam
         assert tomllib.loads(updated(gate, {0: known(violates=1.5)}))["x"] == "[[subjects]]\n"
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_file_of_windows_stays_one(write: Write, mark: str) -> None:
+    """Its line ends and its byte order mark are as they were, but for the line that is written."""
+    path = write("brdfcheck.toml", "")
+    path.write_bytes((mark + GATE.replace("\n", "\r\n")).encode())
+    gate = config.read(path)
+    assert gate is not None
+    text = updated(gate, {1: known(violates=1.5)})
+    (line,) = [line for line in text.split("\r\n") if line.startswith("expect")]
+    assert text.replace(f"{line}\r\n", "").encode() == path.read_bytes()
+
+
 def test_what_is_needed_holds_every_report_of_a_subject(reports: dict[str, Any]) -> None:
     found = needed(list(reports.values()), None)
     assert found is not None
@@ -327,7 +340,7 @@ def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here:
     code, shown, err = run("init", "--dry-run")
     assert code == ExitCode.PASSED
     assert not (here / "brdfcheck.toml").exists()
-    assert "would write brdfcheck.toml: 5 BRDFs, 2 of which without their ranges" in err
+    assert "would write brdfcheck.toml: 5 BRDFs, 2 of them commented out until you give their ranges" in err
     assert run("init")[0] == ExitCode.PASSED
     text = (here / "brdfcheck.toml").read_text()
     assert text == shown
@@ -341,7 +354,7 @@ def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here:
     assert "brdfcheck.toml lists the BRDFs of this folder already" in err
     # The lines that lack a range are as they are meant once they have one.
     lines = text.replace("[LO, HI]", "[0, 1]").splitlines()
-    told = ("# Say", "# What", "# A vio", "# brdf", "# L")
+    told = ("# Replace", "# What", "# A vio", "# brdf", "# L")
     whole = "\n".join(line.removeprefix("# ") for line in lines if not line.startswith(told))
     assert [subject["target"] for subject in tomllib.loads(whole)["subjects"]][:3] == [
         "looks.py:Matt", "looks.py:plain", "looks.py:factory",

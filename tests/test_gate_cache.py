@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from projects import GATE, MINE, Run, Write, forget
 import brdfcheck
 from brdfcheck.brdf import catalog
 from brdfcheck.cli import ExitCode, project
-from brdfcheck.gate import cache, sources
+from brdfcheck.gate import cache, config, sources
 from brdfcheck.gate.requests import Case, Request, cases
 from brdfcheck.output.records import plain
 
@@ -52,6 +53,12 @@ def doubt(text: str, write: Write) -> str:
         ("x = open('lut.txt')", "uses open"),
         ("import jax\njax.config.update('jax_debug_nans', True)", "uses config"),
         ("x = exec", "uses exec"),
+        ("from numpy import *\nx = load('lut.npy')", "uses load"),
+        ("import numpy as np\nx = getattr(np, 'lo' + 'ad')('lut.npy')", "uses getattr"),
+        ("import numpy as np\nx = np.os.getcwd()", "uses os"),
+        ("import operator, numpy as np\nx = operator.methodcaller('load', 'lut.npy')(np)", "uses methodcaller"),
+        ("x = __builtins__['open']('lut.txt')", "uses __builtins__"),
+        ("from brdfcheck.documents import read_document as read\nx = read('lut.toml')", "uses documents"),
         ("import my_installed_package", "imports my_installed_package, which is not beside it"),
         ("def f(:", "is not Python"),
     ],
@@ -105,7 +112,7 @@ def test_what_has_not_changed_is_not_checked_again(
     first = run("check", "--json", "-")[1]
     assert len(kept()) == 3
     counted: list[str] = []
-    module = importlib.import_module("brdfcheck.verdict.check")
+    module = importlib.import_module("brdfcheck.verdict.checking")
     original = module.check_family
 
     def counting(family: Any, **options: Any) -> Any:
@@ -136,11 +143,26 @@ def test_what_has_not_changed_is_not_checked_again(
     assert counted == ["mine.py:bright"]
 
 
+def test_what_is_known_needs_no_jax(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
+    """A verdict from the cache costs what reading a few files does: what computes takes a second to import."""
+    write("brdfcheck.toml", GATE)
+    first = run("check")
+    code = (
+        "import sys; from brdfcheck.cli.process import run; code = run(['check']);"
+        " print([name for name in ('jax', 'numpy', 'scipy') if name in sys.modules]); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "all from the cache" in done.stdout, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert done.returncode == first[0]
+
+
 def test_an_entry_that_is_damaged_costs_time_only(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
     assert run("check", "lambert")[0] == ExitCode.PASSED
     (entry,) = kept()
-    for damage in ("albino", "{"):
-        entry.write_text(entry.read_text().replace("albedo", damage))
+    whole = entry.read_text()
+    for damage in (whole.replace("albedo", "albino"), whole.replace("albedo", "{"), "[]", "null", ""):
+        entry.write_text(damage)
         code, out, _ = run("check", "lambert")
         assert code == ExitCode.PASSED
         assert "cache" not in out
@@ -249,6 +271,24 @@ def test_watching_is_a_process_that_checks_again(write: Write, here: Path) -> No
             process.kill()
     assert "VIOLATES" in first[1]
     assert "albedo 0.7500000000" in second[1]
+
+
+def test_a_subject_that_is_new_is_watched_too(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write("brdfcheck.toml", GATE)
+    write("later.py", "def late():\n    return 1\n")
+    seen: list[set[str]] = []
+
+    def twice(run: Callable[[], object], files: Callable[[], set[Path]], pause: Callable[[], object]) -> None:
+        for text in ("", '[[subjects]]\ntarget = "later.py:late"\n', "[["):
+            path.write_text(textwrap.dedent(GATE) + text)
+            seen.append({file.name for file in files()})
+
+    monkeypatch.setattr(project, "again", twice)
+    gate = config.read(path)
+    assert gate is not None
+    project.watched(gate.requests(), gate)
+    before = {"brdfcheck.toml", "mine.py", "gray_of_mine.py"}
+    assert seen == [before, before | {"later.py"}, before | {"later.py"}]  # the last one is not TOML
 
 
 def test_what_is_in_doubt_is_watched_with_its_neighbours(write: Write) -> None:

@@ -27,8 +27,7 @@ from brdfcheck.fits.slices import AZIMUTH, Axis, Slices, slices
 from brdfcheck.output.html import Entry, heading, page
 from brdfcheck.output.html.tables import NO_VALUE, encoded, squeezed, table_object
 from brdfcheck.verdict import Report, Verdict
-from brdfcheck.verdict.checks import Check
-from brdfcheck.verdict.side_checks import SideChecks, Witness
+from brdfcheck.verdict.parts import Check, SideChecks, Witness
 
 NODE = shutil.which("node")
 HOSTILE = "</script><script>alert(\"1\")</script><b title='x'>&"

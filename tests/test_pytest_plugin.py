@@ -14,7 +14,7 @@ import brdfcheck
 import brdfcheck.gate.testing
 import brdfcheck.output.curves
 import brdfcheck.plots.panels
-import brdfcheck.verdict.check
+import brdfcheck.verdict.checking
 
 pytest_plugins = ["pytester"]
 
@@ -137,6 +137,7 @@ def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: 
         assert picture.is_relative_to(pytester.path / "base")
         assert picture.read_bytes().startswith(b"\x89PNG")
     assert "testing.py" not in text  # the plug-in's own frames
+    assert "pytest_plugin.py" not in text
 
 
 @pytest.mark.parametrize(

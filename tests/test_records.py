@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from brdfcheck.output import records
 from brdfcheck.verdict import Report, Verdict
-from brdfcheck.verdict.side_checks import SideChecks, Witness
+from brdfcheck.verdict.parts import SideChecks, Witness
 
 SIDE = SideChecks(
     0.5,

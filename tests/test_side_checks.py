@@ -11,7 +11,8 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import GGX
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
-from brdfcheck.verdict.side_checks import SideChecks, direction_pairs, side_checks
+from brdfcheck.verdict.parts import SideChecks
+from brdfcheck.verdict.side_checks import direction_pairs, side_checks
 
 
 def checked(brdf, worst: dict | None = None, **ranges) -> SideChecks:

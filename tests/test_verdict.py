@@ -21,7 +21,8 @@ from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check, check_family, judge
-from brdfcheck.verdict.checks import CHECKS, Check, Evidence
+from brdfcheck.verdict.checks import CHECKS, Evidence
+from brdfcheck.verdict.parts import Check
 
 CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
 

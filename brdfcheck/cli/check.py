@@ -160,7 +160,7 @@ def check_command(
         requests = Request(wanted, ranges, cos_theta, how, **own).apart()
     requests = project.filtered(requests, substring)
     if watch:
-        return project.watched(requests, gate)
+        return project.watched(requests, gate, substring)
     settings = _settings(
         substring,
         tolerance,
@@ -174,16 +174,18 @@ def check_command(
         **how.record,
     )
     began = time.perf_counter()
-    start()
     verdicts = Verdicts(not no_cache and (gate is None or gate.document.cache))
     with contextlib.redirect_stdout(sys.stderr):
         known, modules = [verdicts.found(request) for request in requests], {}
+        if None in known:  # JAX takes a second, which verdicts that are known do not need
+            start()
         cases = [
             case
             for request, found in zip(requests, known, strict=True)
             for case in (cases_of(request, modules) if found is None else found)
         ]
-        start()  # a user's file may have changed the precision
+        if None in known:
+            start()  # a user's file may have changed the precision
     work = _Work("check", cases, settings, Output(json, quiet=quiet), began, files, quiet, verdicts)
     return _run(work, gate if update_baseline else None)
 
@@ -260,14 +262,17 @@ def _run(work: _Work, gate: Gate | None) -> int:
 
     `gate`: where the known violations are brought up to date.
     """
-    from brdfcheck.brdf import catalog
     from brdfcheck.gate.baseline import judged
     from brdfcheck.output import records
     from brdfcheck.output import text as console
 
     cases, settings, output, quiet = work.cases, work.settings, work.output, work.quiet
     audit = work.command == "audit"
-    claims = {case.name: catalog.entry(case.name).claim for case in cases} if audit else {}
+    claims: dict[str, str] = {}
+    if audit:
+        from brdfcheck.brdf import catalog
+
+        claims = {case.name: catalog.entry(case.name).claim for case in cases}
     width = max(len(case.name) for case in cases)
     tolerances = {case.tolerance for case in cases}
     settings |= {"tolerance": min(tolerances), "own_tolerances": len(tolerances) > 1}  # each report says its own

@@ -30,6 +30,7 @@ def _init(
     Finds shaders, documents and tables that can be read, and Python functions and classes that look like BRDFs, in this
     folder and those below it. Python files are not run. Parameters without a known range are left for you to say.
     """
+    from brdfcheck.documents import read_text
     from brdfcheck.gate.config import OWN, SHARED, read
     from brdfcheck.gate.drafts import draft, found
 
@@ -47,9 +48,9 @@ def _init(
     if dry_run:
         output.save("-", text, "--dry-run")
     else:
-        before = Path(SHARED).read_text(encoding="utf-8").rstrip("\n") + "\n\n" if shared else ""
-        output.save(path, before + text, path)
+        before, own = read_text(SHARED) if shared else ("", str)
+        output.save(path, own(before.rstrip("\n") + "\n\n" + text if shared else text), path)
     open_ones = sum(bool(subject.missing) for subject in named)
-    said = f", {open_ones} of which without their ranges" if open_ones else ""
+    said = f", {open_ones} of them commented out until you give their ranges" if open_ones else ""
     output.line(f"{'would write' if dry_run else 'wrote'} {path}: {len(named)} BRDFs{said}")
     return ExitCode.PASSED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -122,8 +123,10 @@ def update(gate: Gate, cases: Sequence[Case], reports: Sequence[Report], output:
 # --- watching ---
 
 
-def watched(requests: Sequence[Request], gate: Gate | None) -> int:
+def watched(requests: Sequence[Request], gate: Gate | None, substring: str = "") -> int:
     """Run the command, and again whenever a file has changed that may change a verdict, until the process is interrupted.
+
+    `gate`: where the requests are from, read again whenever it may have changed; `substring`: which of them are wanted.
 
     Each run is a process of its own, so that nothing of an older version of a file is left in it; what has not changed comes
     from the cache.
@@ -131,6 +134,14 @@ def watched(requests: Sequence[Request], gate: Gate | None) -> int:
     command = [sys.executable, "-m", "brdfcheck", *(word for word in sys.argv[1:] if word != "--watch")]
 
     def files() -> set[Path]:
+        nonlocal requests
+        if gate is not None:
+            from brdfcheck.gate.config import read
+
+            # While it is being edited it may be wrong, or gone: then what it said before counts.
+            with contextlib.suppress(UsageError, NothingToCheck):
+                now = read(gate.path)
+                requests = requests if now is None else filtered(now.requests(), substring)
         named = {path for request in requests for path in files_of(request.names, request.reading.folders)}
         return named | ({gate.path} if gate is not None else set())
 

@@ -14,6 +14,7 @@ import typer
 
 from brdfcheck import __version__
 from brdfcheck.cli import words
+from brdfcheck.cli.app import start
 from brdfcheck.cli.output import Output
 from brdfcheck.cores import side_by_side
 
@@ -100,6 +101,7 @@ def _page(
 ) -> str:
     from brdfcheck.output.html import Entry, heading, page
 
+    start()  # where all verdicts were known, nothing has been computed before
     targets = [_target(case) for case in cases]
     with output.progress(len(cases), "drawing", every=10) as advance:
         room = max(400, _CELLS // len(cases))

@@ -29,7 +29,7 @@ from brdfcheck.fits.renderer import RendererTable, cells
 from brdfcheck.messages import UsageError
 from brdfcheck.runtime import double_precision
 from brdfcheck.verdict import Report
-from brdfcheck.verdict.check import check_family
+from brdfcheck.verdict.checking import check_family
 
 # Of a parabola the middle of a cell misses the most; this is for what bends otherwise.
 _MARGIN = 1.25

@@ -10,6 +10,7 @@ from dataclasses import replace
 from datetime import date
 from typing import TYPE_CHECKING, Any
 
+from brdfcheck.documents import read_text
 from brdfcheck.gate.config import Gate, Known
 from brdfcheck.messages import UsageError, one_line
 
@@ -95,7 +96,7 @@ def updated(gate: Gate, known: Mapping[int, Known | None]) -> str:
     """
     import tomllib
 
-    text = gate.path.read_text(encoding="utf-8")
+    text, own = read_text(gate.path)
     name = r"\.".join((*gate.prefix, "subjects"))
     head = re.compile(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\][^\n]*$", re.M)
     starts = [match.end() for match in head.finditer(text)]
@@ -115,7 +116,7 @@ def updated(gate: Gate, known: Mapping[int, Known | None]) -> str:
             text = _with(text, starts[index], known[index])
         try:
             if tomllib.loads(text) == wanted:
-                return text
+                return own(text)
         except tomllib.TOMLDecodeError:
             pass
     raise UsageError(f"{gate.path.name} is not written so that it can be edited here; change the subjects yourself, {advice}")

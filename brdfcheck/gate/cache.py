@@ -77,6 +77,8 @@ class Verdicts:
             path = _path(key)
             entries = json.loads(path.read_bytes())
             cases = [_case(request, entry) for entry in entries]
+            if not cases:
+                raise ValueError("the entry is empty")
             os.utime(path)
         except Doubt as doubt:
             _log.debug("%s: no verdict is kept: %s", " ".join(request.names), doubt)

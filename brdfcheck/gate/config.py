@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Strict, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Strict, StringConstraints, Tag, field_validator, model_validator
 
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import ReadingTable, beside
@@ -57,7 +57,7 @@ class Known(Model):
     violates: float | None = Field(None, gt=1, allow_inf_nan=True)
     undecided: bool = False
     findings: list[str] = []  # noqa: RUF012 - pydantic copies it
-    reason: str = Field(min_length=1)
+    reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 
     @model_validator(mode="after")
     def _something(self) -> Known:

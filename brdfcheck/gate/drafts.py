@@ -136,7 +136,7 @@ def draft(subjects: list[Found], prefix: str) -> str:
             continue
         mark = "# " if subject.missing else ""
         if subject.missing:
-            lines.append(f"# Say what {', '.join(subject.missing)} may be, and take away the signs at the left:")
+            lines.append(f"# Replace LO and HI by the range of {', '.join(subject.missing)}, and uncomment:")
         lines.append(f"{mark}[[{prefix}subjects]]")
         told = f"    # {subject.remark}" if subject.remark else ""
         over = {key: f"[{written(low)}, {written(high)}]" for key, (low, high) in subject.over.items()}
@@ -151,7 +151,11 @@ def draft(subjects: list[Found], prefix: str) -> str:
     lines.append(
         '# A violation that is accepted: expect = { violates = 1.05, reason = "..." }, or brdfcheck check --update-baseline.'
     )
-    lines += [f"# Left out: {subject.file}: {subject.remark}" for subject in subjects if subject.target is None]
+    lines += [
+        f"# Left out: {subject.file}: {subject.remark.removeprefix(f'{subject.file}: ')}"
+        for subject in subjects
+        if subject.target is None
+    ]
     return "\n".join(lines) + "\n"
 
 

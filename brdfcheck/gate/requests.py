@@ -113,11 +113,11 @@ def evaluated(case: Case, say: Callable[[str], None]) -> Report:
 
     `say` is called with how far the search is.
     """
-    from brdfcheck.brdf.blame import told
-    from brdfcheck.verdict.check import check, unusable
-
     if case.report is not None:
         return case.report
+    from brdfcheck.brdf.blame import told
+    from brdfcheck.verdict.checking import check, unusable
+
     target, request = case.target, case.request
     assert target is not None
 

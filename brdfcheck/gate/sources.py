@@ -24,13 +24,17 @@ PURE = frozenset((
 ))  # fmt: skip
 """Packages whose answers depend on nothing but their version and what they are given."""
 # Names of Python, and in those packages, by which a file reaches beyond itself, or changes what others do.
-_BUILTINS = frozenset(("__import__", "breakpoint", "compile", "eval", "exec", "globals", "hash", "id", "input", "open"))
+_BUILTINS = frozenset((
+    "__builtins__", "__import__", "__loader__", "__spec__", "breakpoint", "compile", "eval", "exec", "getattr", "globals",
+    "hash", "id", "input", "open", "setattr", "vars",
+))  # fmt: skip
 _REACHING = frozenset((
-    "DataSource", "albedo_table", "as_family", "as_target", "assert_conserves", "budget", "budgets", "catalog", "certify",
-    "check", "config", "ctypeslib", "datasets", "environ", "f2py", "factor_ladder", "fit_factor", "fromfile", "fromregex",
-    "genfromtxt", "io", "io_callback", "lib", "load", "load_file", "loadtxt", "memmap", "misc", "open", "open_memmap",
-    "pure_callback", "random", "readers", "register", "render", "resolve", "scene", "seterr", "sweep", "testing",
-    "tree_deserialise_leaves",
+    "DataSource", "__builtins__", "__dict__", "__getattr__", "__globals__", "__subclasses__", "_sys", "albedo_table",
+    "as_family", "as_target", "assert_conserves", "attrgetter", "budget", "budgets", "catalog", "certify", "check", "cli",
+    "config", "ctypeslib", "datasets", "documents", "environ", "f2py", "factor_ladder", "ffi", "fit_factor", "folders",
+    "fromfile", "fromregex", "gate", "genfromtxt", "io", "io_callback", "lib", "load", "load_file", "loadtxt", "memmap",
+    "methodcaller", "misc", "open", "open_memmap", "os", "output", "pure_callback", "random", "readers", "register",
+    "render", "resolve", "scene", "seterr", "sweep", "sys", "testing", "tree_deserialise_leaves",
 ))  # fmt: skip
 # Endings of files of which the includes are all that they read.
 _SHADERS = frozenset((".brdf", ".frag", ".fs", ".glsl", ".glslf", ".hlsl", ".slang"))
@@ -119,7 +123,10 @@ def _imported(file: Path, root: Path) -> Iterator[tuple[str, Path]]:
         tree = ast.parse(_text(file))
     except (SyntaxError, ValueError, RecursionError):
         raise Doubt(f"{file} is not Python") from None
-    for node in ast.walk(tree):
+    nodes = list(ast.walk(tree))
+    # ``from numpy import *`` brings its names without naming them; so does a neighbour that has it.
+    starred = any(alias.name == "*" for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names)
+    for node in nodes:
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield from _beside(alias.name.split("."), root, root, file)
@@ -134,6 +141,8 @@ def _imported(file: Path, root: Path) -> Iterator[tuple[str, Path]]:
             _refuse([node.attr], file)
         elif isinstance(node, ast.Name) and node.id in _BUILTINS:
             raise Doubt(f"{file} uses {node.id}")
+        elif starred and isinstance(node, ast.Name):
+            _refuse([node.id], file)
 
 
 def _beside(parts: list[str], base: Path, root: Path, file: Path) -> Iterator[tuple[str, Path]]:

@@ -87,7 +87,7 @@ class Checker:
 
     def check(self, brdf: Any, **options: Any) -> Report:
         """`brdfcheck.check`, in double precision."""
-        from brdfcheck.verdict.check import check
+        from brdfcheck.verdict.checking import check
 
         with _double():
             return check(brdf, **options)

@@ -6,24 +6,14 @@ A new check is a function and its row in `CHECKS`; text, JSON and JUnit show it 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import sampling_checks as sampling
-from brdfcheck.verdict.side_checks import SideChecks, Witness, side_checks
-
-
-@dataclass(frozen=True)
-class Check:
-    """What a check says: `value` is what it measured, `words` are a finding where it did not pass."""
-
-    name: str
-    value: float
-    passed: bool
-    words: str
+from brdfcheck.verdict.parts import Check, SideChecks, Witness
+from brdfcheck.verdict.side_checks import side_checks
 
 
 class Evidence:

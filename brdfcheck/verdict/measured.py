@@ -2,73 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from brdfcheck.brdf.tables import AbstractTable
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
-from brdfcheck.quadrature.samples import NODES, TIMES, albedos, compared
+from brdfcheck.quadrature.samples import NODES, albedos, compared
+from brdfcheck.verdict.parts import Doubt
 from brdfcheck.verdict.supremum import Supremum
 
 # Cosines of incidence (of an isotropic table, of an anisotropic one) and azimuths at which they are compared.
 _COSINES, _TURNS = (65, 17), 8
 # How many channels are searched, and at how many cosines it is seen which reflect most.
 _CHANNELS, _COARSE = 8, 9
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """What is not known of the albedo of a table, because its values are known at samples only.
-
-    `linear` and `nearest` are the albedos by the two look-ups at the worst place, by one rule; `quadrature` is what the bar of
-    the report holds besides `TIMES` their difference. `reach`: what the albedo may be at any angle, with the bar there;
-    `reach_cos_theta`: where. `layout`: what the samples are; `missing` of `samples` have no data, most of them `where`.
-    `filled`: what the albedo may be where these have a value that errs on the high side, `guess` (None: all have data).
-    `channel`: what the worst channel is called, nothing where that is known.
-    """
-
-    layout: str
-    quadrature: float
-    linear: float
-    nearest: float
-    reach: float
-    reach_cos_theta: float
-    samples: int
-    missing: int
-    where: str
-    guess: str
-    filled: float | None
-    channel: str
-
-    @property
-    def most(self) -> float:
-        """What the albedo may be at any angle, whatever the samples without data are."""
-        return self.reach if self.filled is None else max(self.reach, self.filled)
-
-    @property
-    def findings(self) -> list[str]:
-        """What is wrong with the data."""
-        if not self.missing:
-            return []
-        share = 100 * self.missing / self.samples
-        return [
-            f"no data: {self.missing} of the {self.samples} samples that a light and a viewer above the surface can meet"
-            f" ({share:.2g} %), {self.where}. They count as 0, so that the albedo is a lower bound; with {self.guess} in their"
-            f" place it may reach {self.filled:.4g}"
-        ]
-
-    @property
-    def notes(self) -> list[str]:
-        """What the error bar holds, and what the worst channel is called."""
-        angle = np.degrees(np.arccos(self.reach_cos_theta))
-        channel = [f"the channel is {self.channel}"] if self.channel else []
-        return [
-            f"a table ({self.layout}): the albedo there is {self.linear:.6g} by linear and {self.nearest:.6g} by nearest"
-            f" look-up; the error bar holds {TIMES} times their difference and {self.quadrature:.2g} of the quadrature. With"
-            f" such bars it may reach {self.reach:.4g}, at {angle:.3g} deg",
-            *channel,
-        ]
 
 
 def searched(albedo: PointwiseAlbedo) -> tuple[PointwiseAlbedo, list[int]]:

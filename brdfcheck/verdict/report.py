@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from brdfcheck.verdict import words
-from brdfcheck.verdict.checks import Check
-from brdfcheck.verdict.measured import Doubt
-from brdfcheck.verdict.side_checks import SideChecks
+from brdfcheck.verdict.parts import Check, Doubt, SideChecks, degrees
 
 TOLERANCE = 1e-9
 """How far above 1 an albedo may lie and still count as conserving."""
@@ -50,12 +47,12 @@ class Report:
     verdict: Verdict
     ranges: Mapping[str, tuple[float, float]]
     tolerance: float = TOLERANCE
-    albedo: float = np.nan
-    error: float = np.nan
-    least: float = np.nan
+    albedo: float = math.nan
+    error: float = math.nan
+    least: float = math.nan
     parameters: Mapping[str, float] = field(default_factory=dict)
-    cos_theta: float = np.nan
-    azimuth: float = np.nan
+    cos_theta: float = math.nan
+    azimuth: float = math.nan
     above: tuple[tuple[float, float], ...] | None = None
     side: SideChecks | None = None
     checks: tuple[Check, ...] = ()
@@ -94,7 +91,7 @@ class Report:
     @property
     def angle(self) -> float:
         """The worst angle of incidence in degrees."""
-        return float(np.degrees(np.arccos(self.cos_theta)))
+        return degrees(self.cos_theta)
 
 
 def judge(
@@ -106,6 +103,6 @@ def judge(
     resolved. A search that has not `settled` never conserves.
     """
     surely = value - error if least is None else least
-    if surely > 1 + tolerance or value == np.inf:
+    if surely > 1 + tolerance or value == math.inf:
         return Verdict.VIOLATES
     return Verdict.CONSERVES if settled and value + error <= 1 + tolerance else Verdict.UNDECIDED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import jax
 import numpy as np
@@ -18,6 +17,7 @@ from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.samples import TIMES
 from brdfcheck.quadrature.zonal import Zonal
+from brdfcheck.verdict.parts import SideChecks, Witness
 
 # |f(wi,wo) - f(wo,wi)| may reach this share of the larger of the two: far above rounding, far below any real defect.
 RECIPROCITY_LIMIT = 1e-6
@@ -33,48 +33,6 @@ _HINT = 1e-3
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Directions (pairs, 3) twice -> values (places, pairs) or (places, pairs, channels)."""
-
-
-@dataclass(frozen=True)
-class Witness:
-    """Where a defect shows: the parameters, a pair of directions, f(wi, wo) in 1/sr, and f(wo, wi) where that matters.
-
-    `folded`: the value is that of a sum, of what goes to wo and what goes through the surface (see `brdfcheck.brdf.two_sides`).
-    """
-
-    parameters: tuple[float, ...]
-    wi: tuple[float, ...]
-    wo: tuple[float, ...]
-    value: float
-    swapped: float | None = None
-    folded: bool = False
-
-
-@dataclass(frozen=True)
-class SideChecks:
-    """Over the seeded pairs and the sampled parameters; the sign and finiteness also over all values that a scan saw.
-
-    `reciprocity`: largest |f(wi,wo) - f(wo,wi)| relative to the larger value, of those that rounding cannot explain if there
-    are such; `minimum`: smallest value in 1/sr (nan where no value is finite); `nonfinite`: how many values are NaN or Inf;
-    `pairs`: how many values were looked at. The witnesses say where (None: nothing is wrong). `cosine`: all that is not
-    reciprocal would be, divided by the cosine of this direction, "wi" or "wo" (empty: it would not).
-    """
-
-    reciprocity: float
-    minimum: float
-    nonfinite: int
-    pairs: int
-    reciprocal: bool
-    positive: bool
-    unequal: Witness | None = None
-    lowest: Witness | None = None
-    broken: Witness | None = None
-    cosine: str = ""
-
-    @property
-    def passed(self) -> bool:
-        """True where the BRDF is reciprocal, nowhere negative and everywhere finite."""
-        return self.reciprocal and self.positive and self.nonfinite == 0
 
 
 def direction_pairs() -> tuple[np.ndarray, np.ndarray]:

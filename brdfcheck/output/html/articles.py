@@ -14,7 +14,7 @@ from brdfcheck.verdict import words
 if TYPE_CHECKING:
     from brdfcheck.output.html.page import Entry
     from brdfcheck.verdict import Report
-    from brdfcheck.verdict.side_checks import Witness
+    from brdfcheck.verdict.parts import Witness
 
 _SIGNS = "\u00b1", "\u00b0"
 

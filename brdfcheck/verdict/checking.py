@@ -19,14 +19,11 @@ from brdfcheck.messages import UsageError
 from brdfcheck.proof.certify import certify_family
 from brdfcheck.proof.cover import NotProved
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
-from brdfcheck.verdict.checks import CHECKS, Check, Evidence
-from brdfcheck.verdict.measured import Doubt, doubted, searched
+from brdfcheck.verdict.checks import CHECKS, Evidence
+from brdfcheck.verdict.measured import doubted, searched
+from brdfcheck.verdict.parts import Check, Doubt, SideChecks
 from brdfcheck.verdict.precision import is_single, rounding
-from brdfcheck.verdict.report import TOLERANCE as TOLERANCE
-from brdfcheck.verdict.report import Report as Report
-from brdfcheck.verdict.report import Verdict as Verdict
-from brdfcheck.verdict.report import judge as judge
-from brdfcheck.verdict.side_checks import SideChecks
+from brdfcheck.verdict.report import TOLERANCE, Report, Verdict, judge
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
 
 _log = logging.getLogger("brdfcheck")
