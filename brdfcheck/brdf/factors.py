@@ -220,8 +220,8 @@ def refuse_batched(brdf: Any) -> None:
         )
 
 
-def varied(brdf: AbstractBRDF, names: tuple[str, ...]) -> Callable[..., AbstractBRDF]:
-    """One BRDF as a family: its parameters `names` replaced. ValueError where it has no such number."""
+def varied(brdf: Any, names: tuple[str, ...]) -> Callable[..., Any]:
+    """One BRDF or BSDF as a family: its parameters `names` replaced. ValueError where it has no such number."""
     core = brdf.core
     for name in names:
         if not isinstance(getattr(core, name, None), jax.Array):

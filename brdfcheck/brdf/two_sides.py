@@ -17,6 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from brdfcheck.brdf.base import SCALES, AbstractBSDF, Part, Scale, checked_part
 from brdfcheck.brdf.calling import directional, name_of
@@ -66,7 +67,7 @@ def bsdf(function: Any = None, *, eta: Any = 1.0, scale: str = "flux") -> Any:
     ``bsdf(f, eta=eta)``.
     Raises TypeError where it is no function, ValueError for an eta that is not finite and > 0 or an unknown scale.
     """
-    if not isinstance(eta, jax.core.Tracer):
+    if not isinstance(eta, Tracer):
         number = isinstance(eta, (int, float, np.number, np.ndarray, jax.Array)) and np.ndim(eta) == 0
         if isinstance(eta, bool) or not number or not (np.isfinite(eta) and eta > 0):
             raise ValueError(f"eta must be a finite number > 0; got {eta!r}")

@@ -53,8 +53,8 @@ def directional_albedo(
     same on both sides.
     """
     brdf = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
-    core = brdf.core
-    if isinstance(core, AbstractHalves) and fresnel == "none":
+    core: Any = brdf.core
+    if fresnel == "none" and isinstance(core, AbstractHalves):
         engine = HalfVector(_HALVES)
         return _at_each(lambda mu: engine.integrate(core, mu).value, (cosine,), _BLOCK // 8)
     if not hasattr(core, "breaks"):
