@@ -125,7 +125,8 @@ def write_report(study: Study, record: Mapping[str, Any], reports: Path) -> Path
     pictures = module.pictures(record) if hasattr(module, "pictures") else {}
     pictures["figure.png"] = plots.to_bytes(figure, ".png", widest=WIDEST)
     for name, content in pictures.items():
-        records.write_atomically(place / name, plots.with_few_colours(content, WIDEST))
+        content = plots.with_few_colours(content, WIDEST) if name.endswith(".png") else content
+        records.write_atomically(place / name, content)
     records.write_atomically(place / "figure.svg", plots.to_bytes(figure, ".svg", widest=WIDEST))
     page = f"# {study.question}\n\n![{study.question}](figure.png)\n\n{module.summary(record).strip()}\n\n{_made(record)}"
     records.write_atomically(place / "summary.md", page)

@@ -9,8 +9,7 @@ any slack. Of the 13 claims of the literature in the catalogue 10 are proved fal
 
 The best factor (n+A)/B of each lobe on n in [1, 1000] is the minimax one of `fit`, which touches 1; B is enlarged by the slack.
 Boxes are those of the certificate: intervals of n on which a chord of the convex albedo is compared with 1. The report has
-every BRDF of the catalogue too, the claims of the literature included, with what is proved of it; its record holds the
-certificates.
+every BRDF of the catalogue too, the claims of the literature included, with what is proved of it and its certificate.
 """
 
 from __future__ import annotations
@@ -61,6 +60,14 @@ def run(size: str = "full") -> dict[str, Any]:
     return {"settings": {"range": [1, 1000]}, "results": results, "summary": {"catalogue": entries}}
 
 
+def pictures(record: dict[str, Any]) -> dict[str, bytes]:
+    """The certificates of the catalogue, each in a file of its own."""
+    import json
+
+    entries = [entry for entry in record["summary"]["catalogue"] if entry["certificate"]]
+    return {f"{entry['name']}.json": (json.dumps(entry["certificate"], indent=1) + "\n").encode() for entry in entries}
+
+
 def plot(record: dict[str, Any]) -> Any:
     """Boxes, and seconds, against the slack."""
     from brdfcheck import plots
@@ -102,15 +109,15 @@ def summary(record: dict[str, Any]) -> str:
 
     rows = [(f"{slack:.0e}", *(cell(cost[name, slack]) for name in names)) for slack in slacks]
     found = [
-        (f"`{entry['name']}`", entry["claim"] or "conserves", *(
-            (entry["certificate"]["verdict"], entry["certificate"]["statement"]) if entry["certificate"] else
-            ("not proved", entry["why_not"])), "-" if entry["boxes"] is None else str(entry["boxes"]),
+        (*((f"[`{name}`]({name}.json)", entry["claim"] or "conserves", known["verdict"], known["statement"]) if known else
+           (f"`{name}`", entry["claim"] or "conserves", "not proved", entry["why_not"])), "-" if entry["boxes"] is None else str(entry["boxes"]),
          f"{entry['seconds_on_one_core']:.2g}")
-        for entry in record["summary"]["catalogue"]
+        for entry in record["summary"]["catalogue"] for name, known in [(entry["name"], entry["certificate"])]
     ]  # fmt: skip
     return (
         f"Boxes of the proof, and seconds on one core:\n\n{table(('slack', *(f'`{name}`' for name in names)), rows)}\n\n"
-        "The catalogue: what is claimed, and what is proved. The certificates are in `record.json`.\n\n"
+        "The catalogue: what is claimed, and what is proved. Names lead to the certificates, for"
+        " `brdfcheck certify --verify`.\n\n"
         + table(("BRDF", "claim", "verdict", "statement proved", "boxes", "seconds"), found)
     )
 

@@ -86,8 +86,8 @@ def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes
     return _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path.group(0)), _EMBEDDED.sub(_smaller, stream.getvalue()))
 
 
-# Coordinates of paths to a hundredth of a point.
-_PATHS, _DIGITS = re.compile(rb' d="[^"]*"'), re.compile(rb"(\.\d\d)\d+")
+# Coordinates of paths to a tenth of a point.
+_PATHS, _DIGITS = re.compile(rb' d="[^"]*"'), re.compile(rb"(\.\d)\d+")
 _EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
 
 

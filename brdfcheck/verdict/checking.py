@@ -140,14 +140,12 @@ def check_family(
         verdict = judge(worst.value, error, tolerance, least=worst.least, settled=worst.settled)
         if verdict is Verdict.CONSERVES and worst.value < -worst.error:
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
-        elif (
-            verdict is not Verdict.VIOLATES
-            and np.isfinite(worst.value)
-            and albedo is not None
-            and albedo.evaluator is None
-            and _is_proved(family)
-        ):
-            verdict, worst = Verdict.CONSERVES, replace(worst, basis="proof")
+        elif albedo is not None and albedo.evaluator is None:
+            proof = _proof(family)
+            if verdict is Verdict.VIOLATES and proof is Verdict.VIOLATES:
+                worst = replace(worst, basis="proof")
+            elif verdict is not Verdict.VIOLATES and np.isfinite(worst.value) and proof is Verdict.CONSERVES:
+                verdict, worst = proof, replace(worst, basis="proof")
     if verdict is Verdict.UNDECIDED and worst is not None:
         if jax.numpy.zeros(0).dtype == np.float32:
             notes.append("computed in float32: call brdfcheck.use_x64() first for an error bar below 1e-9")
@@ -169,12 +167,12 @@ def check_family(
     )
 
 
-def _is_proved(family: Family) -> bool:
-    """True where the family is one of the formulas that proofs know, and they find in little time that it conserves."""
+def _proof(family: Family) -> Verdict | None:
+    """What is proved of the family in little time; None where nothing is, or it is none of the formulas that proofs know."""
     try:
-        return bool(certify_family(family, most=_BOXES))
+        return Verdict[certify_family(family, most=_BOXES).verdict]
     except (NotProved, UsageError):
-        return False
+        return None
 
 
 def unusable(

@@ -31,7 +31,7 @@ class Report:
     reciprocity, minimum, NaN/Inf (None where the BRDF could not be evaluated); `checks`: what each check beside the albedo
     measured, and whether that passes. `findings`: defects, in words; `notes`: remarks.
 
-    What the answer rests on: `basis` ("proof" where `brdfcheck.certify` proves that it conserves, whatever the tolerance;
+    What the answer rests on: `basis` ("proof" where `brdfcheck.certify` proves the verdict, whatever the tolerance;
     "theorem" where one holds, and `theorem` says which; else "search", or "single precision" for a search over values in
     float32, whose rounding the error bar holds), `points` looked at, `climbs` begun, `settled` (the last scan found nothing
     higher, and no climb was left unfinished that might yet cross 1), and `width`: the widest region that the search may have

@@ -122,7 +122,8 @@ def basis_text(report: Report) -> str:
         over = "" if "angle" in report.width else " over the parameters"
         looked = f"theorem: {report.theorem}, {count_text(report.points)} points{over}"
     if report.basis == "proof":
-        return f"proof: at most 1 in exact arithmetic (brdfcheck certify), {count_text(report.points)} points for the largest"
+        proved = "above 1 at one point" if report.verdict.name == "VIOLATES" else "at most 1"
+        return f"proof: {proved} in exact arithmetic (brdfcheck certify), {count_text(report.points)} points for the largest"
     if not report.settled:
         looked += ", not settled"
     missed = width_text(report.width)
