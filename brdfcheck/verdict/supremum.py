@@ -41,7 +41,7 @@ _SCALE = {"quick": 0.25, "normal": 1.0, "thorough": 4.0}
 _ONE_BY_ONE = {"quick": "quick", "normal": "quick", "thorough": "normal"}
 _STARTS = 40
 # The part of the points that are scanned where a theorem has the verdict.
-_BOUNDED = 0.25
+_BOUNDED = 1 / 16
 # How many of the highest points are confirmed then before any climb, and how near to 1 is as high as can be.
 _HIGHEST, _TOP = 4, 1e-9
 # Scans after the first one, at most.
@@ -126,8 +126,11 @@ class _Search:
 
     def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, watch: Watch):
         self.bounded = albedo.bounded and threshold >= 1
+        self.costly = albedo.family.sides is not None
         # Where the verdict is a theorem's, only the value is left to look for.
-        self.threshold, self.scale = threshold, _SCALE[affordable(effort, albedo)] * (_BOUNDED if self.bounded else 1)
+        self.threshold, self.scale = threshold, _SCALE[affordable(effort, albedo)]
+        if self.bounded:
+            self.scale *= _BOUNDED / 4 if self.costly else _BOUNDED
         self.surface = Surface(albedo, rtol, watch)
         self.scan = Scan(self.surface, self.scale)
         self.winners = Winners(self.surface.box)
@@ -147,7 +150,8 @@ class _Search:
         self.tell()
         if self.bounded:
             self.confirm.places(scan.points.places[np.argsort(-scan.points.values)[:_HIGHEST]])
-            if winners.least >= 1 - _TOP:  # there is nothing left to find
+            # There is nothing left to find; or a point costs so much that the bar may as well reach up to 1.
+            if winners.least >= 1 - _TOP or self.costly:
                 return self.answer(True)
         self.ascend(scan.points, _STARTS)
         self.rivals()
@@ -363,7 +367,8 @@ class _Search:
             upper = max(upper, winners.best + self.kept * max(promise - winners.best, 0))
             settled &= not winners.unsettled(self.threshold, self.surface.rise(0.0))
         if self.bounded:  # whatever the search left open is not above 1
-            upper, settled = min(upper, 1.0), True
+            looked = self.climbs > 0 or least >= 1 - _TOP
+            upper, settled = min(upper, 1.0) if looked else 1.0, True
         bar = max(upper - value, error)
         if winners.broken or surface.unknown():  # somewhere the albedo is not known at all
             bar = np.inf if least <= self.threshold else bar
