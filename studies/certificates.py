@@ -110,7 +110,8 @@ def summary(record: dict[str, Any]) -> str:
     rows = [(f"{slack:.0e}", *(cell(cost[name, slack]) for name in names)) for slack in slacks]
     found = [
         (*((f"[`{name}`]({name}.json)", entry["claim"] or "conserves", known["verdict"], known["statement"]) if known else
-           (f"`{name}`", entry["claim"] or "conserves", "not proved", entry["why_not"])), "-" if entry["boxes"] is None else str(entry["boxes"]),
+           (f"`{name}`", entry["claim"] or "conserves", "not proved", entry["why_not"])),
+         "-" if entry["boxes"] is None else str(entry["boxes"]),
          f"{entry['seconds_on_one_core']:.2g}")
         for entry in record["summary"]["catalogue"] for name, known in [(entry["name"], entry["certificate"])]
     ]  # fmt: skip

@@ -60,6 +60,9 @@ def doubt(text: str, write: Write) -> str:
         ("x = __builtins__['open']('lut.txt')", "uses __builtins__"),
         ("from brdfcheck.documents import read_document as read\nx = read('lut.toml')", "uses documents"),
         ("import my_installed_package", "imports my_installed_package, which is not beside it"),
+        ("class A:\n    def __init__(self):\n        self.x = 1", ""),
+        ("import numpy as np\nnp.pi = 3", "sets pi of something that others may use"),
+        ("from brdfcheck.lobes import Phong\ndel Phong.profile", "sets profile"),
         ("def f(:", "is not Python"),
     ],
 )
@@ -231,6 +234,21 @@ def test_a_name_that_was_registered_is_not_kept(
         assert verdicts.found(request) is None
         verdicts.keep(request, [Case(request, name, None, None, name)], [reports["matt"]])
         assert len(kept()) == (name == "lambert")
+
+
+def test_beside_a_file_that_changes_others_nothing_is_kept(
+    write: Write, kept: Callable[[], list[Path]], reports: dict[str, Any]
+) -> None:
+    write("patch_of_mine.py", "import numpy as np\n\nnp.pi = 3\nf = print\n")
+    for second, count in (("mine.py:matt", 1), ("patch_of_mine.py:f", 0)):
+        for entry in kept():
+            entry.unlink()
+        forget("gray_of_mine")
+        verdicts, request = cache.Verdicts(), Request(("mine.py:bright",))
+        for asked in (request, Request((second,))):
+            assert verdicts.found(asked) is None
+        verdicts.keep(request, [Case(request, "bright", None, None, "mine.py:bright")], [reports["bright"]])
+        assert len(kept()) == count
 
 
 # --- watching ---

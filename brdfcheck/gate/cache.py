@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from brdfcheck import __version__
 from brdfcheck.folders import cache_folder
 from brdfcheck.gate.requests import Case, Request
-from brdfcheck.gate.sources import Doubt, digest, sources
+from brdfcheck.gate.sources import Doubt, Tampering, digest, sources
 
 if TYPE_CHECKING:
     from brdfcheck.verdict import Report
@@ -81,6 +81,7 @@ class Verdicts:
                 raise ValueError("the entry is empty")
             os.utime(path)
         except Doubt as doubt:
+            self.wanted = self.wanted and not isinstance(doubt, Tampering)
             _log.debug("%s: no verdict is kept: %s", " ".join(request.names), doubt)
             return None
         except FileNotFoundError:
@@ -93,7 +94,7 @@ class Verdicts:
     def keep(self, request: Request, cases: Sequence[Case], reports: Sequence[Report]) -> None:
         """Keep the reports on all cases of a request, if they are sure to come out the same again."""
         before = self._keys.pop(id(request), None)
-        if before is None or any(report.basis == "none" for report in reports):
+        if not self.wanted or before is None or any(report.basis == "none" for report in reports):
             return
         try:
             key, files = self._key(request)

@@ -25,8 +25,8 @@ PURE = frozenset((
 """Packages whose answers depend on nothing but their version and what they are given."""
 # Names of Python, and in those packages, by which a file reaches beyond itself, or changes what others do.
 _BUILTINS = frozenset((
-    "__builtins__", "__import__", "__loader__", "__spec__", "breakpoint", "compile", "eval", "exec", "getattr", "globals",
-    "hash", "id", "input", "open", "setattr", "vars",
+    "__builtins__", "__import__", "__loader__", "__spec__", "breakpoint", "compile", "delattr", "eval", "exec", "getattr",
+    "globals", "hash", "id", "input", "open", "setattr", "vars",
 ))  # fmt: skip
 _REACHING = frozenset((
     "DataSource", "__builtins__", "__dict__", "__getattr__", "__globals__", "__subclasses__", "_sys", "albedo_table",
@@ -43,6 +43,10 @@ _INCLUDE = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">]")
 
 class Doubt(Exception):
     """It cannot be told what a verdict depends on; the message says why."""
+
+
+class Tampering(Doubt):
+    """A file may change what others in its process find, too."""
 
 
 def sources(names: Iterable[str], folders: Iterable[str] = ()) -> dict[str, Path]:
@@ -138,6 +142,9 @@ def _imported(file: Path, root: Path) -> Iterator[tuple[str, Path]]:
             for alias in node.names:
                 yield from _beside([*module, alias.name], base, root, file)
         elif isinstance(node, ast.Attribute):
+            own = isinstance(node.value, ast.Name) and node.value.id == "self"
+            if not (own or isinstance(node.ctx, ast.Load)):
+                raise Tampering(f"{file} sets {node.attr} of something that others may use")
             _refuse([node.attr], file)
         elif isinstance(node, ast.Name) and node.id in _BUILTINS:
             raise Doubt(f"{file} uses {node.id}")
