@@ -451,6 +451,7 @@ def test_the_albedo_by_a_rule_tends_to_the_furnace():
 ICOSPHERE = {"size": 24, "geometry": {"kind": "icosphere", "level": 3}, "material": MATT, "lights": [DISTANT]}
 
 
+@pytest.mark.slow
 def test_what_is_looked_up_tends_to_the_surrounding_as_entries_grow():
     facets = {"kind": "surface", "terms": [{"brdf": "cook-torrance", "tint": 0.9, "m": 0.4, "fresnel": "exact"}]}
     scene = scenes.parse_scene({"size": 12, "material": facets, "lights": [{"kind": "environment"}, DISTANT]})

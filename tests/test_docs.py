@@ -6,6 +6,7 @@ import functools
 import re
 import shlex
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ SHORTER = {
     "check --config gate.toml": "-k b",
     "audit": "-k phong-pdf",
 }
-LONG = ("render furnace", "budget scene.toml")
+LONG = ("render furnace", "budget scene.toml", "fit gold-paint", "plot albedo-vs-angle gold-paint", "check material_rgb")
 ELSEWHERE = ("--scheduler",)
 
 
@@ -65,7 +66,7 @@ def programs() -> list[tuple[str, str]]:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     for name, text in files().items():
         (tmp_path / name).write_text(text)
     for name in {word for command in commands() for word in command.split() if word.endswith((".binary", ".bsdf"))}:
@@ -73,7 +74,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.delitem(sys.modules, "mine", raising=False)
-    return tmp_path
+    yield tmp_path
+    sys.modules.pop("mine", None)
 
 
 def test_the_pages_show_something() -> None:

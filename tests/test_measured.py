@@ -176,6 +176,7 @@ def test_channels_are_kept(paint: str, satin: str) -> None:
     assert check(satin, cos_theta=STEEP, effort="quick").channel == 2
 
 
+@pytest.mark.slow
 def test_of_many_wavelengths_the_brightest_are_searched_and_named(folder: Path) -> None:
     colours = tuple(0.4 + 0.5 * np.sin(np.linspace(0, np.pi, 21)))
     path = write(folder, "spectra.bsdf", rgl_bytes(0.5, COARSE, size=12, finer=24, colours=colours))
@@ -271,6 +272,7 @@ def test_the_record_has_what_the_bar_is_made_of(satin: str, run: Run) -> None:
     assert any("by nearest look-up" in note for note in result["notes"])
 
 
+@pytest.mark.slow
 def test_plot_and_sweep(folder: Path, here: Path, run: Run) -> None:
     write(here, "matt.bsdf", rgl_bytes(0.6, COARSE, size=10, finer=16, colours=(0.5, 0.6, 0.7)))
     code, out, err = run("plot", "albedo-vs-angle", "matt.bsdf", "-o", "matt.svg", "--samples", "7", "--cos-theta", "0.3:1")
