@@ -61,6 +61,7 @@ def run(size: str = "full") -> dict[str, Any]:
     """The budget of every scene (small: of two, in few pixels)."""
     from brdfcheck import budget
     from brdfcheck.budgets import report
+    from brdfcheck.plots import with_few_colours
     from brdfcheck.scene.images import png_bytes
 
     def thumbnail(image: Any) -> Any:
@@ -72,7 +73,7 @@ def run(size: str = "full") -> dict[str, Any]:
     for name, scene in SCENES.items() if full else list(SCENES.items())[3:5]:
         found = budget(scene if full else {**scene, "size": 24})
         images = (found.reference, found.image, report.difference(found))
-        codes = [base64.b64encode(png_bytes(thumbnail(image))).decode() for image in images]
+        codes = [base64.b64encode(with_few_colours(png_bytes(thumbnail(image)))).decode() for image in images]
         told = report.document(found)
         results.append({"name": name, **{key: told[key] for key in ("settings", "summary", "results")}, "images": codes})
     savings = {result["name"]: result["summary"]["saving"] for result in results}

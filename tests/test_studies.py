@@ -23,7 +23,7 @@ from brdfcheck.processes import Finished
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDIES = studies.find()
 # Seconds of studies that may take more than two minutes: one compiles large shaders, one is a process for each family, twice.
-LONG = {"shader_corpus": 180, "user_brdfs": 480, "materialx_surfaces": 400}
+LONG = {"shader_corpus": 180, "user_brdfs": 480, "materialx_surfaces": 240}
 
 
 @functools.cache
