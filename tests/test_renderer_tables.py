@@ -469,6 +469,7 @@ REFUSED = {
     ("ggx", "--check", "-o", "E.csv"): "give --compensation too",
     ("nothing", "-o", "E.csv"): "nothing",
     ("lambert", "--texture", "dfg", "-o", "E.dds"): "no microfacet lobe",
+    ("ggx", "--texture", "dfg", "-o", "E.npy"): "give -o FILE.dds too",
     ("lambert", "--texture", "compensation", "-o", "E.dds"): "needs compensation.E",
     ("ggx", "--over", "roughness=-1:1", "-o", "E.csv"): "roughness must be >= 0",
     ("ggx", "--over", "alpha=0.1:1", "--over", "roughness=0:1", "-o", "E.csv"): "rows run over one parameter",

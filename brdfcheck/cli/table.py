@@ -135,6 +135,8 @@ def _table(
     """
     if verify and not compensation:
         raise UsageError("--check: it is the compensated BRDF that is checked; give --compensation too")
+    if texture is not None and "dds" not in map(_kind, output):
+        raise UsageError("--texture: it is a DDS file that holds two channels; give -o FILE.dds too")
     seen: dict[str, str | None] = {"--json": json}
     for number, path in enumerate(output):
         seen[f"-o ({number + 1})"] = path
