@@ -423,7 +423,9 @@ def test_a_check_rests_on_a_proof_where_there_is_one():
     assert (exact.verdict.name, exact.basis, exact.tolerance) == ("CONSERVES", "proof", 0.0)
     assert exact.albedo + exact.error > 1
     assert "proof: at most 1 in exact arithmetic" in str(exact)
-    assert brdfcheck.check("binomial-power-published", effort="quick").basis == "theorem"
+    published = brdfcheck.check("binomial-power-published", effort="quick")
+    assert (published.verdict.name, published.basis) == ("VIOLATES", "proof")
+    assert "proof: above 1 at one point in exact arithmetic" in str(published)
 
     def pushed(n):
         return brdfcheck.Normalized(brdfcheck.Phong(n), brdfcheck.Factor(2 + 1e-11, 2 * np.pi))
