@@ -261,8 +261,10 @@ def test_a_report_in_words() -> None:
     first, second = str(report).splitlines()
     assert first.startswith("binomial-power-published: VIOLATES: albedo 1.0016005217 +- ")
     assert " at n=17.8512 angle=0 deg; exceeds 1 for n=14.303..23.0561 (tolerance 1e-9)" in first
-    assert re.search(r"^  (search|theorem).*points.*, could miss .* % of n", second)
-    words = dataclasses.replace(report, findings=("not\nreciprocal",), notes=("one", "two"), settled=False)
+    assert re.search("^  proof: above 1 at one point in exact arithmetic .* points for the largest", second)
+    searched = dataclasses.replace(report, basis="search")
+    assert re.search(r"^  search.*points.*, could miss .* % of n", str(searched).splitlines()[1])
+    words = dataclasses.replace(searched, findings=("not\nreciprocal",), notes=("one", "two"), settled=False)
     lines = str(words).splitlines()
     assert lines[0].endswith("; not reciprocal")
     assert ", not settled, " in lines[1]
