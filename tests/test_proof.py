@@ -9,6 +9,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from brdfcheck.proof import Certificate, NotProved, Rejected, certify, read, ver
 from brdfcheck.proof.certificate import conserving, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece, cover, peak, written
 from brdfcheck.proof.lobes import Power, Profile, Rational, TruncatedPower
+from brdfcheck.verdict import check_family
 
 CONSERVING = (
     "lambert", "phong", "blinn-phong", "blinn-phong-fitted", "schlick-mirror", "schlick-half", "lyon-1-half", "lyon-2-half",
@@ -433,6 +435,14 @@ def test_a_check_rests_on_a_proof_where_there_is_one():
     # Above 1 by 5e-12: within the tolerance, so that it conserves by that, but not by a proof.
     slack = brdfcheck.check(pushed, n=(1, 9), effort="quick")
     assert (slack.verdict.name, slack.basis) == ("CONSERVES", "theorem")
+
+
+def test_a_proof_says_nothing_about_a_line_below_1():
+    family = replace(catalog.entry("blinn-phong-fitted").family, ranges={"n": (2.0, 2.0)})
+    at = check_family(family)
+    assert (at.basis, at.albedo < 0.999) == ("proof", True)
+    below = check_family(family, tolerance=at.albedo - 1)
+    assert (below.verdict.name, below.basis == "proof") == ("UNDECIDED", False)
 
 
 def test_a_check_wastes_little_time_on_proofs():

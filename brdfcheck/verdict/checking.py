@@ -140,8 +140,8 @@ def check_family(
         verdict = judge(worst.value, error, tolerance, least=worst.least, settled=worst.settled)
         if verdict is Verdict.CONSERVES and worst.value < -worst.error:
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
-        elif albedo is not None and albedo.evaluator is None:
-            proof = _proof(family)
+        elif tolerance >= 0 and albedo is not None and albedo.evaluator is None:
+            proof = _proof(family)  # of what is above 1, or not: it says nothing about a lower line
             if verdict is Verdict.VIOLATES and proof is Verdict.VIOLATES:
                 worst = replace(worst, basis="proof")
             elif verdict is not Verdict.VIOLATES and np.isfinite(worst.value) and proof is Verdict.CONSERVES:
