@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from brdfcheck import plots
 from brdfcheck.plots.paper import wrapped
-from brdfcheck.studies import WIDEST
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +20,7 @@ _ACROSS = 4
 _ROW = 0.13  # inches, as are the next two
 _PANEL = 2.1
 _LEAST_WIDTH = 6.6  # for the legend
+_WIDEST = 800  # pixels: flat colours and few words need no more
 
 
 def _short(value: float) -> str:
@@ -99,7 +99,7 @@ def maps(
     """An `outcome_map` as PNG for each method of the results of which not everything holds, by `file_of`."""
     methods = dict.fromkeys(result["method"] for result in results if set("".join(result["outcomes"])) - {"0", "-"})
     return {
-        file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png", widest=WIDEST)
+        file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png", widest=_WIDEST)
         for method in methods
     }
 
