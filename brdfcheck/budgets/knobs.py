@@ -312,13 +312,18 @@ def _light(light: AbstractLight, model: str, center: np.ndarray) -> AbstractLigh
         return eqx.tree_at(lambda one: one.vertices, _unclipped(light), light.vertices)
     if not isinstance(light, Point | Polygon) or model.startswith("polygon") or (isinstance(light, Point) and model == "point"):
         return light
-    middle = light.position if isinstance(light, Point) else jnp.mean(light.vertices, axis=0)
-    way = middle - jnp.asarray(center, middle.dtype)
-    distance = jnp.sqrt(jnp.sum(way * way))
+    middle, way, distance = _towards(light, center)
     intensity = _irradiance(light, center)
     if model == "point":
         return Point(middle, intensity * distance**2, constant_attenuation=0.0, quadratic_attenuation=1.0)
     return Distant(way, intensity)
+
+
+def _towards(light: Point | Polygon, center: np.ndarray) -> tuple[Array, Array, Array]:
+    """The light's middle, the vector to it from the object's centre, and its distance."""
+    middle = light.position if isinstance(light, Point) else jnp.mean(light.vertices, axis=0)
+    way = middle - jnp.asarray(center, middle.dtype)
+    return middle, way, jnp.sqrt(jnp.sum(way * way))
 
 
 def _irradiance(light: AbstractLight, center: np.ndarray) -> Float[Array, " 3"]:
@@ -326,9 +331,8 @@ def _irradiance(light: AbstractLight, center: np.ndarray) -> Float[Array, " 3"]:
     if isinstance(light, AbstractRayLight):
         return light.intensity * light.arriving(Vector(*center.tolist()))[1]
     if isinstance(light, Polygon):
-        way = jnp.mean(light.vertices, axis=0) - jnp.asarray(center, light.vertices.dtype)
-        way = way / jnp.sqrt(jnp.sum(way * way))
-        return light.intensity * light.irradiance(Vector(*jnp.asarray(center, way.dtype)), Vector(*way))
+        _, way, distance = _towards(light, center)
+        return light.intensity * light.irradiance(Vector(*jnp.asarray(center, way.dtype)), Vector(*(way / distance)))
     return light.intensity * jnp.pi  # the same radiance from everywhere
 
 
