@@ -61,7 +61,7 @@ class Supremum:
     """Where the albedo of a family is largest, and what that rests on.
 
     `value` +- `error` is the largest albedo, `parameters`, `cos_theta` and `azimuth` (radians) say where; `least` is what it
-    is at least. `above` are the intervals of the single parameter in which some angle exceeds `threshold` (None where they
+    is at least. `above` are the intervals of the single parameter in which some angle exceeds the line (None where they
     were not looked for). `basis`: "theorem" where one holds (`theorem` says which), else "search". `points` were scanned,
     `climbs` begun; `settled` says that the last scan found nothing higher, and that no climb was left unfinished that might
     yet cross the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle"
@@ -74,7 +74,6 @@ class Supremum:
     parameters: dict[str, float]
     cos_theta: float
     azimuth: float
-    threshold: float
     above: tuple[tuple[float, float], ...] | None = field(default=None)
     least: float = -np.inf
     basis: str = "search"
@@ -344,7 +343,6 @@ class _Search:
         surface, winners = self.surface, self.winners
         never_above = NEVER_ABOVE_ONE if surface.albedo.family.sides is None else NEVER_ABOVE_ONE_IN_ALL
         common = {
-            "threshold": self.threshold,
             "basis": "theorem" if surface.theorem or self.bounded else "search",
             "theorem": NORMAL_IS_WORST if surface.theorem else never_above if self.bounded else None,
             "points": surface.count,
