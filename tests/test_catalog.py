@@ -154,7 +154,14 @@ def test_the_factor_in_the_formula_is_the_one_that_is_used() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "near"), [("fong", "phong"), ("blin-phong", "blinn-phong"), ("GGX", "known names"), ("cook", "cook-torrance")]
+    ("name", "near"),
+    [
+        ("fong", "phong"),
+        ("blin-phong", "blinn-phong"),
+        ("GGX", "mean ggx"),
+        ("qqqq", "brdfcheck list"),
+        ("cook", "cook-torrance"),
+    ],
 )
 def test_unknown_names_are_answered_with_near_ones(name: str, near: str) -> None:
     with pytest.raises(KeyError, match=near) as caught:

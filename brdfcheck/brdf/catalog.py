@@ -252,12 +252,12 @@ def names() -> tuple[str, ...]:
 
 
 def entry(name: str) -> Entry:
-    """The entry of that name. KeyError, naming the nearest ones, where there is none."""
+    """The entry of that name. UnknownName (a KeyError), with the nearest ones, where there is none."""
     try:
         return _CATALOG.entries[name]
     except KeyError:
-        near = difflib.get_close_matches(name, names(), n=3, cutoff=0.4)
-        hint = f"did you mean {', '.join(near)}?" if near else f"known names: {', '.join(names())}"
+        near = difflib.get_close_matches(name.lower(), names(), n=3, cutoff=0.4)
+        hint = f"did you mean {', '.join(near)}?" if near else "'brdfcheck list' shows the names (brdfcheck.catalog.names())"
         raise UnknownName(f"unknown BRDF {name!r}; {hint}") from None
 
 

@@ -176,7 +176,7 @@ def size(text: str) -> Size:
         sides = Size(int(parts[0][:9]), int(parts[-1][:9]))
         if min(sides) >= 1 and max(sides) <= MOST_PIXELS:
             return sides
-    raise BadParameter(f"must be PIXELS or HEIGHTxWIDTH, each from 1 to {MOST_PIXELS}; got {one_line(text)!r}")
+    raise BadParameter(f"must be SIDE or HEIGHTxWIDTH, whole numbers from 1 to {MOST_PIXELS}; got {one_line(text)!r}")
 
 
 def file(*suffixes: str, stdout: bool = False) -> Callable[[str], str]:
