@@ -101,6 +101,27 @@ def test_a_killed_worker_loses_nothing(boss, worker, config, tmp_path):
     assert contents(tmp_path / "s") == contents(tmp_path / "alone")
 
 
+def test_a_task_that_the_scheduler_forgets_is_given_out_again(boss, config, tmp_path, monkeypatch):
+    plan, given, cancelled = Plan(read_config(config)), [], []
+    submit = distributed.Client.submit
+
+    def noted(self: Any, *arguments: Any, **options: Any) -> Any:
+        given.append(submit(self, *arguments, **options))
+        return given[-1]
+
+    def cancel(progress: Any) -> None:
+        if progress.chunks >= 25 and not cancelled:
+            cancelled.extend(future for future in given if future.status == "pending")
+            for future in cancelled:
+                future.cancel()
+
+    monkeypatch.setattr(distributed.Client, "submit", noted)
+    assert fill(plan, tmp_path / "s", scheduler=boss.scheduler_address, progress=cancel).computed == 160
+    assert len(given) == 160 + len(cancelled) > 160
+    fill(plan, tmp_path / "alone")
+    assert contents(tmp_path / "s") == contents(tmp_path / "alone")
+
+
 def test_users_files_travel_to_the_workers(boss, tmp_path):
     """A worker has a folder of its own, with what it was sent."""
     mine = tmp_path / "mine"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import atexit
+import collections
 import contextlib
 import functools
 import json
@@ -34,6 +35,8 @@ from brdfcheck.sweep.plan import Chunk, Plan
 _ANSWER, _FIRST_WORKER, _NEW_WORKER, _RESULT = 5.0, 10.0, 30.0, 120.0
 # Results waiting for the store, for each thread of the cluster: what bounds the memory of the process that writes.
 _AHEAD = 2
+# How often a task is given out again that the scheduler has forgotten, as it may when a worker or a connection breaks off.
+_AGAIN = 3
 _KEPT = "the chunks computed so far are kept: run again to continue"
 # What is raised where nobody answers.
 _GONE = (OSError, TimeoutError, asyncio.CancelledError)
@@ -143,10 +146,15 @@ class Cluster:
         ours = facts()
         batches = ([chunk.index for chunk in wave] for wave in plan.waves(chunks, self._devices))
         waiting: dict[Any, list[int]] = {}
+        forgotten: collections.deque[list[int]] = collections.deque()
+        tries = collections.Counter[int]()
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         alive = time.monotonic()
         while True:
-            while len(waiting) < _AHEAD * max(1, self._threads()) and (batch := next(batches, None)) is not None:
+            while len(waiting) < _AHEAD * max(1, self._threads()):
+                batch = forgotten.popleft() if forgotten else next(batches, None)
+                if batch is None:
+                    break
                 future = self._client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
                 waiting[future] = batch
                 future.add_done_callback(finished.put)
@@ -161,8 +169,13 @@ class Cluster:
                     raise self._lost() from None
                 continue
             alive = time.monotonic()
+            batch = waiting.pop(future)
+            if future.status in ("cancelled", "lost") and tries[batch[0]] < _AGAIN and self._threads():
+                tries[batch[0]] += 1
+                forgotten.append(batch)
+                continue
             results = self._answer(future)
-            assert [result.index for result in results] == waiting.pop(future)
+            assert [result.index for result in results] == batch
             future.release()
             yield from results
 
