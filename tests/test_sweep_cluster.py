@@ -18,7 +18,7 @@ from brdfcheck import cli
 from brdfcheck.messages import SweepError, UsageError
 from brdfcheck.sweep import Plan, cluster, fill, layout, parse, read_config
 
-distributed = pytest.importorskip("distributed")
+dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
 
 ROOT = Path(__file__).parent.parent
 SWEEP = """
@@ -37,13 +37,13 @@ def lambertian(wi, wo, rho):
     return helper.scale(rho) + 0 * wo[..., 2]
 """
 HERE = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "protocol": "tcp", "host": "127.0.0.1",
-        "dashboard_address": None, "silence_logs": 50}  # fmt: skip
+        "dashboard_address": ":0", "silence_logs": 50}  # fmt: skip
 
 
 @pytest.fixture
 def boss() -> Iterator[Any]:
-    """A scheduler on loopback with one worker in this process."""
-    with distributed.LocalCluster(**HERE) as running:
+    """A scheduler on loopback with one worker in this process, which soon gives up asking a dead one for its results."""
+    with dask.config.set({"distributed.comm.timeouts.connect": "3s"}), distributed.LocalCluster(**HERE) as running:
         yield running
 
 
@@ -102,24 +102,33 @@ def test_a_killed_worker_loses_nothing(boss, worker, config, tmp_path):
 
 
 def test_a_task_that_the_scheduler_forgets_is_given_out_again(boss, config, tmp_path, monkeypatch):
-    plan, given, cancelled = Plan(read_config(config)), [], []
+    plan, given = Plan(read_config(config)), []
     submit = distributed.Client.submit
 
-    def noted(self: Any, *arguments: Any, **options: Any) -> Any:
+    def cancelled(self: Any, *arguments: Any, **options: Any) -> Any:
         given.append(submit(self, *arguments, **options))
+        if len(given) in (10, 11, 40):
+            given[-1].cancel()
         return given[-1]
 
-    def cancel(progress: Any) -> None:
-        if progress.chunks >= 25 and not cancelled:
-            cancelled.extend(future for future in given if future.status == "pending")
-            for future in cancelled:
-                future.cancel()
-
-    monkeypatch.setattr(distributed.Client, "submit", noted)
-    assert fill(plan, tmp_path / "s", scheduler=boss.scheduler_address, progress=cancel).computed == 160
-    assert len(given) == 160 + len(cancelled) > 160
+    monkeypatch.setattr(distributed.Client, "submit", cancelled)
+    assert fill(plan, tmp_path / "s", scheduler=boss.scheduler_address).computed == 160
+    assert len(given) == 163
     fill(plan, tmp_path / "alone")
     assert contents(tmp_path / "s") == contents(tmp_path / "alone")
+
+
+def test_results_that_are_always_lost_end_the_sweep(boss, config, tmp_path, monkeypatch):
+    submit = distributed.Client.submit
+
+    def cancelled(self: Any, *arguments: Any, **options: Any) -> Any:
+        future = submit(self, *arguments, **options)
+        future.cancel()
+        return future
+
+    monkeypatch.setattr(distributed.Client, "submit", cancelled)
+    with pytest.raises(SweepError, match=r"^results are lost again and again .* run again to continue$"):
+        fill(Plan(read_config(config)), tmp_path / "s", scheduler=boss.scheduler_address)
 
 
 def test_users_files_travel_to_the_workers(boss, tmp_path):

@@ -96,7 +96,7 @@ def _render(
     size: Annotated[
         words.Size | None,
         typer.Option(
-            metavar="PIXELS|HEIGHTxWIDTH",
+            metavar="SIDE|HEIGHTxWIDTH",
             parser=words.size,
             help="The side of each square of a preset, or the size of a scene. [default: its own]",
         ),

@@ -35,7 +35,7 @@ from brdfcheck.sweep.plan import Chunk, Plan
 _ANSWER, _FIRST_WORKER, _NEW_WORKER, _RESULT = 5.0, 10.0, 30.0, 120.0
 # Results waiting for the store, for each thread of the cluster: what bounds the memory of the process that writes.
 _AHEAD = 2
-# How often a task is given out again that the scheduler has forgotten, as it may when a worker or a connection breaks off.
+# How often a task is given out again whose results are lost, as they may be when a worker or a connection breaks off.
 _AGAIN = 3
 _KEPT = "the chunks computed so far are kept: run again to continue"
 # What is raised where nobody answers.
@@ -146,18 +146,18 @@ class Cluster:
         ours = facts()
         batches = ([chunk.index for chunk in wave] for wave in plan.waves(chunks, self._devices))
         waiting: dict[Any, list[int]] = {}
-        forgotten: collections.deque[list[int]] = collections.deque()
-        tries = collections.Counter[int]()
+        again = collections.Counter[int]()
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         alive = time.monotonic()
+
+        def give(batch: list[int]) -> None:
+            future = self._client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
+            waiting[future] = batch
+            future.add_done_callback(finished.put)
+
         while True:
-            while len(waiting) < _AHEAD * max(1, self._threads()):
-                batch = forgotten.popleft() if forgotten else next(batches, None)
-                if batch is None:
-                    break
-                future = self._client.submit(compute_here, payload, ours, batch, pure=False, retries=0)
-                waiting[future] = batch
-                future.add_done_callback(finished.put)
+            while len(waiting) < _AHEAD * max(1, self._threads()) and (batch := next(batches, None)) is not None:
+                give(batch)
             if not waiting:
                 return
             try:
@@ -169,12 +169,13 @@ class Cluster:
                     raise self._lost() from None
                 continue
             alive = time.monotonic()
-            batch = waiting.pop(future)
-            if future.status in ("cancelled", "lost") and tries[batch[0]] < _AGAIN and self._threads():
-                tries[batch[0]] += 1
-                forgotten.append(batch)
+            batch, results = waiting.pop(future), self._answer(future)
+            if results is None:
+                if again[batch[0]] == _AGAIN or not self._threads():
+                    raise self._lost()
+                again[batch[0]] += 1
+                give(batch)
                 continue
-            results = self._answer(future)
             assert [result.index for result in results] == batch
             future.release()
             yield from results
@@ -190,14 +191,15 @@ class Cluster:
 
     def _lost(self) -> SweepError:
         what = "all workers have gone from the scheduler" if self._client.status == "running" else "lost the scheduler"
+        what = "results are lost again and again on their way from the scheduler" if self._threads() else what
         return SweepError(f"{what} at {self._address}; {_KEPT}")
 
-    def _answer(self, future: Any) -> list[Result]:
-        """The results of a task that has ended."""
+    def _answer(self, future: Any) -> list[Result] | None:
+        """The results of a task that has ended; None where they are lost on their way."""
         from distributed import KilledWorker
 
-        if future.status not in ("finished", "error"):  # cancelled or lost: the scheduler has gone
-            raise self._lost()
+        if future.status not in ("finished", "error"):
+            return None
         try:
             return future.result(timeout=_RESULT)
         except UsageError:
@@ -206,7 +208,7 @@ class Cluster:
             text = "one worker after another died while it computed the same chunk (out of memory?)"
             raise SweepError(f"{text}; {_KEPT}") from None
         except _GONE:
-            raise self._lost() from None
+            return None
         except Exception as error:
             raise _failure(f"a worker of {self._address}", error) from None
 
