@@ -153,6 +153,14 @@ def test_the_matte_part_of_kelemen_gives_back_what_the_coat_leaves():
 # --- brute force ---
 
 
+def test_a_needle_that_reflects_all_light_is_decided():
+    """At grazing incidence it is 1 for all parameters and azimuths: climbs by the rule of one place saw 1e-4 more beside it."""
+    ward = FAMILIES["ward_bounded"]
+    report = brdfcheck.check(ward.build, **ward.ranges)
+    assert (report.verdict.name, report.settled) == ("CONSERVES", True)
+    assert abs(report.albedo - 1) <= report.error < 1e-9
+
+
 @pytest.mark.parametrize("name", ["disney", "ashikhmin_shirley", "ward_bounded", "hapke", "eon", "thin_film", "measured"])
 def test_the_rule_is_as_good_as_it_says(name):
     subject = FAMILIES[name]

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 # Cosines from which the limit is taken, and those at which a growth must go on to count as one without bound.
-_COSINES = 10.0 ** -np.arange(3.0, 10.0)
+_COSINES = 10.0 ** -np.arange(5.0, 12.0)
 _BEYOND = 10.0 ** -np.array([12.0, 15.0, 20.0, 30.0])
 # Differences of successive decades with a ratio below this have a limit; above it they grow like a logarithm or faster.
 _SLOWEST = 0.93
@@ -59,7 +59,7 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
             limits[i], bars[i] = _creeping(far[:, i], far_errors[:, i], limits[i], bars[i])
     if np.any(rising):
         farther = [at(cosine) for cosine in _BEYOND]
-        ladder = np.concatenate([[-9.0], np.log10(_BEYOND)])
+        ladder = np.log10([_COSINES[-1], *_BEYOND])
         for i in np.flatnonzero(rising):
             values = np.array([flat[-1, i], *(np.ravel(value)[i] for value, _ in farther)])
             bars_beyond = np.array([flat_errors[-1, i], *(np.ravel(error)[i] for _, error in farther)])
@@ -92,10 +92,11 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
     if ratios[-1] >= _SLOWEST:
         return (np.inf, np.inf) if steps[-1] > 0 else (last, np.inf)
     once, once_errors = _aitken(values, errors)
-    limit, bar = once[-1], once_errors[-1] + 1.4 * abs(once[-1] - once[-2])
-    # What is left is the next power of the cosine; where it is seen, it goes the same way.
+    limit, bar = once[-1], once_errors[-1] + 2 * abs(once[-1] - once[-2])
+    # What is left is the next power of the cosine; where it is seen, it goes the same way. Neither what this changes nor what
+    # the last decade does is a bound by itself: with a logarithm, or two powers of a size, either is small by chance.
     twice, twice_errors = _aitken(once, once_errors)
-    again = twice_errors[-1] + 1.4 * abs(twice[-1] - twice[-2])
+    again = twice_errors[-1] + abs(twice[-1] - limit) + abs(twice[-1] - twice[-2])
     return (twice[-1], again) if again < bar else (limit, bar)
 
 

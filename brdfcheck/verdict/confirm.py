@@ -33,7 +33,7 @@ _ROUGH = 1e-6
 _BLURRED = 3
 # How near (in the unit cube) a limit is to another one that speaks for it.
 _SAME = 2e-3
-# Gaps up to this may be the noise of a rule.
+# Gaps up to this may be the noise of a rule; where one is larger, the rule was not that of the place.
 _NOISE = 1e-7
 # How far from the winner lines reach.
 _RADII = (1.0, 0.25, 0.06, 0.015)
@@ -240,19 +240,7 @@ class Confirmation:
         self._add(arm[None], found, bar, surface.rtol)
         if not found[0] - bar[0] > value + error:
             return
-        ends = climb(
-            lambda unit: surface.produce(unit, surface.rtol),
-            surface.box,
-            arm[None],
-            _ARM,
-            goal=surface.rise(1e-10),
-            rounds=8,
-            smallest=surface.step(1e-8),
-            calm=1,
-            check=self.check,
-        )
-        gaps = ends.known_gaps
-        self._add(ends.places, ends.values, ends.errors, surface.rtol, gaps=gaps, settled=ends.settled, climbed=True)
+        self._climbed(arm)
 
     # --- at the end of a search ---
 
@@ -294,13 +282,20 @@ class Confirmation:
         """On a plateau a climb's gap is the noise of its rule: where the surface is level, there is nothing to climb.
 
         Level, by the rule of a verdict: it differs by no more than that gap on either side, or falls from the end of a range.
+        Where the gap is more than noise, the climb goes on by that rule.
         """
         surface, winners = self.surface, self.winners
         if surface.fast or self.unbounded is not None or self.hard or not np.any(winners.finite):
             return
-        for index in winners.open()[:_FINEST]:
+        tops: list[tuple[np.ndarray, float]] = []
+        for index in winners.open()[: 2 * _FINEST]:
             place, value, gap = winners.places[index], winners.values[index], winners.gaps[index]
-            if not (winners.climbed[index] and winners.settled[index]) or winners.limits[index] or gap > _NOISE:
+            if not (winners.climbed[index] and winners.settled[index]) or winners.limits[index]:
+                continue
+            if gap > _NOISE:  # the rule of the climb was that of another place
+                near = [top for other, top in tops if surface.box.distance(other, place) < _SAME]
+                tops.append((place, near[0] if near else self._top_from(place)))
+                winners.gaps[index] = min(gap, max(0.0, tops[-1][1] - value))
                 continue
             steps = _ARM * np.concatenate([np.eye(len(place)), -np.eye(len(place))])
             places = place + steps
@@ -311,6 +306,42 @@ class Confirmation:
             level = np.where(both, np.abs(rises) <= gap, rises <= bars)
             if np.all(level) and np.all(np.isfinite(found)):
                 winners.gaps[index] = min(gap, max(0.0, float(np.max(rises))) + float(np.max(bars)))
+
+    def _top_from(self, place: np.ndarray) -> float:
+        """How high the surface may go where a climb by the rule of a verdict, from a place, ends.
+
+        Of a limit before which the place lies, the rise is that of limits.
+        """
+        surface, winners = self.surface, self.winners
+        ends = self._climbed(place)
+        if not ends.settled[0]:
+            return np.inf
+        end, gap = ends.places[0], float(ends.gaps[0])
+        if surface.grazes and place[surface.angle] == end[surface.angle] == 0:
+            before = winners.limits & ~winners.climbed & (surface.box.distance(winners.places, place) < _SAME)
+            there, bar = surface.produce(end[None], surface.rtol_of_limits, limit=True)
+            self._add(end[None], there, bar, surface.rtol_of_limits, gaps=gap, climbed=True, limit=True)
+            for index in np.flatnonzero(before):
+                winners.climbed[index] = True
+                winners.gaps[index] = max(0.0, float(there[0] - winners.values[index])) + gap
+        return float(ends.values[0]) + gap
+
+    def _climbed(self, place: np.ndarray) -> Climbs:
+        """A climb by the rule of a verdict at each point, which is confirmed."""
+        surface = self.surface
+        ends = climb(
+            lambda unit: surface.produce(unit, surface.rtol),
+            surface.box,
+            place[None],
+            _ARM,
+            goal=surface.rise(1e-10),
+            rounds=8,
+            smallest=surface.step(1e-8),
+            calm=1,
+            check=self.check,
+        )
+        self._add(ends.places, ends.values, ends.errors, surface.rtol, gaps=ends.known_gaps, settled=ends.settled, climbed=True)
+        return ends
 
     def _was_tried(self, place: np.ndarray) -> bool:
         """True where `finish` has climbed from: a second climb from there would be the first one again."""
