@@ -3,9 +3,9 @@ r"""The limit of an albedo at grazing incidence, from its values at decades of t
 Towards grazing, albedos behave like a + b mu^p, or they grow without bound like mu^-p or -log(mu). On decades the differences
 of a + b mu^p have the constant ratio q = 10^-p: Aitken's extrapolation is exact for any p, square roots and tenth powers too.
 Done twice it takes the next power along, mu beside a square root.
-Where q is close to 1, so that it may be a + b / log(1/mu)^p, cosines are taken whose logarithms double: there those differences
-have a constant ratio. Where q does not stay below 1 the values are followed to cosines so small that no guard of the form
-max(mu, 1e-12) holds them.
+Where q is not small, a slow power or a + b / log(1/mu)^p, or where the differences change their sign, cosines are taken whose
+logarithms double: there powers are gone, and the differences of powers of the logarithm have a constant ratio. Where q does
+not stay below 1 the values are followed to cosines so small that no guard of the form max(mu, 1e-12) holds them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,8 @@ _COSINES = 10.0 ** -np.arange(5.0, 12.0)
 _BEYOND = 10.0 ** -np.array([12.0, 15.0, 20.0, 30.0])
 # Differences of successive decades with a ratio below this have a limit; above it they grow like a logarithm or faster.
 _SLOWEST = 0.93
-# With a ratio above this (mu^0.35) it may be a power of the logarithm by which the limit is approached, whose ratio creeps up
-# to 1. On this ladder, where each logarithm is twice the one before, such differences have a constant ratio too. It ends where
-# the square of the cosine is still a number.
-_SLOW, _CREEP = 0.45, 0.005
+# A ratio above this (mu^0.45) is slow. The ladder for it ends where the squares of the cosines are numbers still.
+_SLOW = 0.35
 # How many times the last difference may be left to go where the differences are too small to tell: for mu^0.02 it is 21.
 _UNKNOWN = 25.0
 _FAR = 10.0 ** -(9.375 * 2.0 ** np.arange(5))
@@ -85,8 +83,8 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
         ratios = steps[1:] / steps[:-1]
     if abs(steps[-1]) <= 2 * noise[-1] or not np.all(told[-3:]):  # hardly more change than the errors allow
         known = ratios[told[1:] & told[:-1]]
-        q = float(np.clip(known[-1], 0, _SLOWEST)) if known.size else 1.0
-        return last, error + abs(steps[-1]) * min(3 * q / max(1 - q, 1e-9) + 3, _UNKNOWN)
+        q = float(np.clip(np.max(known), 0, _SLOWEST)) if known.size else 1.0
+        return last, error + abs(steps[-1]) * min(4 / max(1 - q, 1e-9), _UNKNOWN)
     if ratios[-1] <= 0 or ratios[-2] <= 0:  # it wobbles
         return last, error + float(np.max(np.abs(steps[-3:])))
     if ratios[-1] >= _SLOWEST:
@@ -101,14 +99,13 @@ def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]
 
 
 def _creeps(values: np.ndarray, errors: np.ndarray) -> bool:
-    """True where the differences of the last decades hardly shrink, and less and less as far as is known."""
+    """True where the differences of decades shrink slowly somewhere, or change their sign."""
     if not np.all(np.isfinite(values[-4:])):
         return False
-    steps, noise = np.diff(values)[-3:], errors[-3:] + errors[-4:-1]
-    if np.any(np.abs(steps) <= 4 * noise):
-        return False
-    ratios, doubt = steps[1:] / steps[:-1], 2 * np.max(noise / np.abs(steps))
-    return bool(np.all(ratios > 0) and _SLOW < ratios[-1] < _SLOWEST and ratios[-1] - ratios[-2] > _CREEP - doubt)
+    steps, told = np.diff(values), np.abs(np.diff(values)) > 4 * (errors[1:] + errors[:-1])
+    with np.errstate(all="ignore"):
+        slow = ~((steps[1:] / steps[:-1] > 0) & (steps[1:] / steps[:-1] < _SLOW))
+    return bool(np.all(told[-2:]) and np.any(slow & told[1:] & told[:-1]))
 
 
 def _creeping(values: np.ndarray, errors: np.ndarray, limit: float, bar: float) -> tuple[float, float]:
@@ -116,18 +113,22 @@ def _creeping(values: np.ndarray, errors: np.ndarray, limit: float, bar: float) 
 
     `limit` +- `bar` is what the decades said, which holds where the ladder says nothing.
     """
-    finite = bool(np.all(np.isfinite(values)))
-    steps, noise = np.diff(np.where(np.isfinite(values), values, 0)), errors[1:] + errors[:-1]
-    if finite and abs(steps[-1]) <= 4 * noise[-1]:  # a slow power of the cosine, or held by a guard
+    known = int(np.argmin(np.append(np.isfinite(values), False)))
+    values, errors = values[:known], errors[:known]
+    steps, noise = np.diff(values), errors[1:] + errors[:-1]
+    if known == len(_FAR) and abs(steps[-1]) <= 4 * noise[-1]:  # a slow power of the cosine, or held by a guard
         return float(values[-1]), float(errors[-1] + 3 * abs(steps[-1]))
-    if not finite or not np.all(steps * steps[-1] > 0):  # arithmetic breaks down on the way
-        return limit, bar + (_UNKNOWN * abs(limit - float(values[0])) if np.isfinite(values[0]) else 0)
+    if known < len(_FAR) - 1 or steps[-2] * steps[-1] <= 0:  # arithmetic breaks down on the way
+        return limit, bar + (_UNKNOWN * abs(limit - float(values[0])) if known else 0)
     ratio = steps[-1] / steps[-2]
     if ratio >= _SLOWEST:
         return (np.inf, np.inf) if steps[-1] > 0 else (float(values[-1]), np.inf)
     once, once_errors = _aitken(values, errors)
     left = abs(once[-1] - values[-1])
-    return float(once[-1]), float(once_errors[-1] + 1.4 * abs(once[-1] - once[-2]) + 0.2 * left)
+    bar = once_errors[-1] + 2 * abs(once[-1] - once[-2]) + 0.2 * left
+    # A power of the cosine has gone long before: each of its differences is as the square of the one before.
+    last = errors[-1] + 3 * abs(steps[-1]) * ratio / (1 - ratio)
+    return (float(values[-1]), float(last)) if last < bar else (float(once[-1]), float(bar))
 
 
 def _aitken(values: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
