@@ -29,7 +29,7 @@ def _names(size: str) -> list[str]:
 
     if size == "small":
         return ["lambert", "phong", "binomial-power-half", "binomial-power-unclamped", "phong-classical", "beckmann-smith"]
-    opaque = [entry for entry in brdfcheck.catalog.entries() if entry.family.sides is None]
+    opaque = [entry for entry in brdfcheck.catalog.entries() if entry.family.surface is None]
     known = [entry.name for entry in opaque if entry.validated and entry.name != "blinn-phong-fitted"]
     return [*known, *OTHERS]
 

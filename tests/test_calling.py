@@ -257,6 +257,27 @@ def test_the_order_of_directions_and_methods():
         as_target(object())
 
 
+def test_a_normal_beside_two_directions():
+    def arrays(N, V, L, n):
+        return np.sum(N * L, axis=-1) ** n * V[..., 0]
+
+    def one_pair(wi, wo, normal):
+        return float(np.dot(normal, wi))
+
+    def exponent(wi, wo, N):
+        return wi[..., 2] ** N
+
+    family = as_target(arrays, {"n": (2.0, 2.0)}).family
+    np.testing.assert_allclose(family.build(n=2.0)(WI, WO), WI[:, 2] ** 2 * WO[:, 0])
+    assert family.notes == ("N is given the normal (0, 0, 1): with a range it is a parameter",)
+    np.testing.assert_allclose(Evaluator(as_target(one_pair).family.build, {}).bind({})(WI, WO), WI[:, 2])
+    np.testing.assert_allclose(as_target(exponent, {"N": (3.0, 3.0)}).family.build(N=3.0)(WI, WO), WI[:, 2] ** 3)
+    # An exponent N would answer for each component of the normal, and a lone n is a parameter.
+    for function in (exponent, lambda wi, wo, n: wi[..., 2] ** n, lambda a, b, normal: a[..., 2]):
+        with pytest.raises(UsageError, match=r"must be given a range: .*; the normal is known by its name, N, Ng, Ns, normal"):
+            as_target(function)
+
+
 # --- the cosine ---
 
 

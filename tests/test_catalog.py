@@ -43,7 +43,7 @@ def test_validated_entries_conserve_and_have_no_defect(name: str) -> None:
     report = report_of(name)
     assert report.verdict is Verdict.CONSERVES
     assert report.findings == ()
-    transmits = catalog.entry(name).family.sides is not None
+    transmits = catalog.entry(name).family.surface is not None
     assert all(transmits and note.startswith("light from above: R = ") for note in report.notes)
     assert len(report.notes) == transmits
     assert report.passed

@@ -24,7 +24,7 @@ from brdfcheck.sweep.config import parse, read_config
 Run = Callable[..., tuple[int, str, str]]
 
 MINE = """
-import math
+import math, brdfcheck
 import jax.numpy as jnp
 
 def pair(wi, wo, n=10):
@@ -51,6 +51,10 @@ def rendered(wi, wo):
 
 def broken(wi, wo):
     return wi[..., 2] * undefined_name
+
+@brdfcheck.bsdf
+def paper(wi, wo, through):
+    return jnp.where(wi[..., 2] * wo[..., 2] < 0, through, 1 - through) / math.pi
 """
 SHADER = """
 uniform float k = 0.5;
@@ -81,6 +85,8 @@ def picture(path: Path) -> np.ndarray:
         ("mine.py:Matt", ("--set", "k=0.5")),
         ("mine.py:rendered", ("--returns", "brdf*cos")),
         ("lobe.glsl:f", OPTIONS),
+        ("mine.py:paper", ("--set", "through=0.5")),
+        ("dielectric", ("--set", "eta=1.5")),
     ],
 )
 def test_a_sphere_and_a_furnace_of_any_brdf(run: Run, files: Path, name: str, options: tuple[str, ...]) -> None:
@@ -122,6 +128,7 @@ def test_a_furnace_shows_what_is_reflected(files: Path) -> None:
             ("furnace", "--brdf", "thing.xyz"),
             "there is no reader for files that end in '.xyz'; a BRDF of your own is read from",
         ),
+        (("sphere", "--brdf", "dielectric", "--set", "eta=1.5", "--set", "below=1"), "below is for the white furnace"),
         (("lobes", "--brdf", "phong"), "--brdf goes with sphere or furnace; got 'lobes'"),
         (("lobes", "--set", "n=1"), "--set goes with --brdf"),
         (("scene.toml", "--returns", "brdf*cos"), "-D, -I, --args and --returns go with --brdf; a scene says it in its file"),
@@ -154,6 +161,19 @@ def test_a_scene_says_how_a_file_is_read(run: Run, files: Path) -> None:
         code, _, err = run("render", "wrong.toml", "-o", "x.png")
         assert code == ExitCode.USAGE_ERROR
         assert message in err
+
+
+def test_a_scene_of_glass(run: Run, files: Path) -> None:
+    text = 'size = 4\nbackground = 0.5\nallow_unvalidated = true\nlights = [{ kind = "ambient" }]\n'
+    text += '[material]\nkind = "surface"\nterms = [{ brdf = "dielectric", eta = 1.5 }]\n'
+    (files / "scene.toml").write_text(text)
+    code, _, err = run("render", "scene.toml", "--quality", "draft", "-o", "scene.png")
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert np.ptp(picture(files / "scene.png").astype(int)) < 4  # before a uniform ground a clear ball is not seen
+    (files / "scene.toml").write_text(text + '[geometry]\nkind = "icosphere"\nlevel = 1\n')
+    code, _, err = run("render", "scene.toml", "-o", "x.png")
+    assert (code, err.count("\n")) == (ExitCode.USAGE_ERROR, 1)
+    assert "SmoothDielectric sends light on in one direction" in err
 
 
 # --- sweep ---

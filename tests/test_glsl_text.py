@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from shaders import LIGHT, VIEW, family
+
+from brdfcheck import load
+from brdfcheck.messages import UsageError
 
 _F = "float f(vec3 L, vec3 V) { return "
 # Shaders, the parameters that are given, and the value.
@@ -90,3 +94,45 @@ HLSL: dict[str, float] = {
 def test_what_hlsl_has_besides(tmp_path: Path, expression: str) -> None:
     text = f"float f(float3 L, float3 V) {{ return {expression}; }}"
     assert np.asarray(family(tmp_path, text, "shader.hlsl").build()(LIGHT, VIEW))[0] == pytest.approx(HLSL[expression])
+
+
+SLANG = """
+import Utils.Math;
+__exported import Materials.Fresnel;
+typedef float3 Direction;
+typealias Number = float;
+Texture2D<float4> picture[2] : register(t0);
+SamplerState state : register(s0);
+static const float scale = 100;
+interface ILobe { float eval(const float3 L, const float3 V); }
+struct Lobe : ILobe
+{
+    static const float half_of = 0.5;
+    float k;
+    [mutating] void twice() { k *= 2; }
+    Number own(float scale) { return k * scale; }
+    Number eval(const Direction L, const float3 V) { float x = half_of; return own(x) + scale; }
+    float3 seen(float2 uv) { return picture[1].Sample(state, uv).rgb; }
+};
+float f(Direction lightDirWS, float3 viewDirectionWS)
+{
+    Lobe lobe; lobe.k = 3;
+    lobe.twice();
+    let all = lobe.eval(lightDirWS, viewDirectionWS);
+    var one : float = 1;
+    return all + one;
+}
+"""
+
+
+def test_what_slang_has_besides(tmp_path: Path) -> None:
+    assert np.asarray(family(tmp_path, SLANG, "shader.slang").build()(LIGHT, VIEW))[0] == 104
+    path = str(tmp_path / "shader.slang")
+    for name in ("eval", "Lobe.eval"):  # a method, with the fields of its struct as parameters
+        assert np.asarray(load(f"{path}:{name}", **{"this.k": (8.0, 8.0)}).build()(LIGHT, VIEW))[0] == 104
+    for old, new, message in (
+        ("[mutating] ", "", "the parameter 'this' is constant"),
+        ("own(x) + scale", "seen(V.xy).x", "Sample() cannot be evaluated: a BRDF may depend only on"),
+    ):
+        with pytest.raises(UsageError, match=re.escape(message)):
+            family(tmp_path, SLANG.replace(old, new), "wrong.slang")

@@ -105,6 +105,19 @@ def test_a_document_gives_colours_and_what_is_linked(tmp_path: Path) -> None:
     assert at(load(f"{path}:SR_worn", base_color=colour)) == pytest.approx(gltf_metal(np.array(colour), 1.0), rel=1e-7)
 
 
+def test_a_surface_in_a_node_graph_has_what_the_graph_gives(tmp_path: Path) -> None:
+    surface = METALS[METALS.index("  <gltf_pbr") : METALS.index("  <multiply")].replace(
+        'nodename="rough"', 'interfacename="gloss"'
+    )
+    head = '<materialx version="1.39"><nodegraph name="graph"><input name="gloss" type="float" value="0.4" />'
+    tail = '<output name="out" type="surfaceshader" nodename="SR_gold" /></nodegraph></materialx>'
+    path = write(tmp_path, head + surface + tail, "a.mtlx")
+    expected = gltf_metal(np.array([0.9, 0.7, 0.3]), 0.4)
+    for spec in (path, f"{path}:graph", f"{path}:SR_gold"):
+        assert at(load(spec)) == pytest.approx(expected, rel=1e-7)
+    assert "did you mean 'graph'?; it has SR_gold, graph" in refusal(f"{path}:grap")
+
+
 def test_colours_are_taken_from_their_space(tmp_path: Path) -> None:
     grey = MATTE.replace('value="0.5, 0.25, 0.125"', 'value="0.5, 0.25, 0.125" colorspace="srgb_texture"')
     linear = ((np.array([0.5, 0.25, 0.125]) + 0.055) / 1.055) ** 2.4

@@ -20,6 +20,7 @@ from brdfcheck.messages import UsageError
 from brdfcheck.quadrature.albedo import albedo as exact_albedo
 from brdfcheck.quadrature.functions import adaptive_albedo
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.scene.functions import brdf_of
 from brdfcheck.verdict import check
 from brdfcheck.verdict.checks import CHECKS, Evidence
 from brdfcheck.verdict.precision import rounding
@@ -98,6 +99,36 @@ def test_elements_of_scene_files(tmp_path):
     assert "circle" in refused(f"mitsuba:{path}#a")
     path.write_text("<scene")
     assert "not XML" in refused(f"mitsuba:{path}#a")
+
+
+@needs_mitsuba
+def test_scene_files_are_put_together_as_mitsuba_does(tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "metal.xml").write_text(
+        """<scene version="3.0.0"><default name="r" value="0.9"/><default name="ru" value="0.7"/><include filename="grey.xml"/>
+        <bsdf type="roughconductor" id="metal"><float name="alpha" value="$ru"/><string name="material" value="none"/>
+        <ref id="colour" name="specular_reflectance"/></bsdf></scene>"""
+    )
+    (tmp_path / "parts" / "grey.xml").write_text('<scene version="3.0.0"><rgb id="colour" value="$r, $r, $r"/></scene>')
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        """<scene version="3.0.0"><default name="r" value="0.5"/><include filename="parts/metal.xml"/>
+        <alias id="metal" as="tin"/><integer name="unused" value="$spp"/></scene>"""
+    )
+    twin = load('mitsuba:{"type": "roughconductor", "alpha": 0.7, "material": "none", "specular_reflectance": [0.5, 0.5, 0.5]}')
+    for name in ("#metal", "#tin", ""):
+        family = load(f"mitsuba:{path}{name}")
+        assert family.name == f"mitsuba:{path}{name or '#metal'}"
+        assert at(family, 0.4)[0] == pytest.approx(at(twin, 0.4)[0], abs=1e-6)
+    wrong = {
+        '<alias id="a" as="b"/><bsdf type="diffuse" id="a"/>': "there is nothing with the id 'a' above its <alias>",
+        '<include filename="scene.xml"/>': "it includes itself, or more than 100 files",
+        '<include filename="lost.xml"/>': "lost.xml': No such file or directory",
+        '<bsdf type="$kind" id="a"/><default name="kind" value="diffuse"/>': '$kind has no value: write <default name="kind"',
+    }
+    for text, says in wrong.items():
+        path.write_text(f'<scene version="3.0.0">{text}</scene>')
+        assert says in refused(f"mitsuba:{path}")
 
 
 @needs_mitsuba
@@ -235,3 +266,10 @@ def test_verdicts_say_what_they_rest_on(tmp_path):
     assert (result["verdict"], result["basis"]) == ("CONSERVES", "single precision")
     violates = brdfcheck.check("mitsuba:principled", effort="quick")
     assert (violates.verdict.name, violates.tolerance, violates.basis) == ("VIOLATES", 1e-5, "single precision")
+
+
+@needs_mitsuba
+def test_a_picture_under_lights_shows_no_mirror_as_if_it_were_matt():
+    with pytest.raises(UsageError, match="mitsuba:conductor has what the plug-in alone can follow"):
+        brdf_of("mitsuba:conductor", {})
+    assert brdf_of("mitsuba:conductor", {}, furnace=True).name == "mitsuba:conductor"

@@ -415,7 +415,7 @@ def test_points_above_1_of_published_claims(name):
 
 def test_every_entry_of_the_catalogue_has_an_answer_but_kuijk_and_blakes():
     known = {*CONSERVING, *VIOLATING, *FACETS, *POINTS}
-    opaque = {entry.name for entry in catalog.entries() if entry.family.sides is None}
+    opaque = {entry.name for entry in catalog.entries() if entry.family.surface is None}
     assert opaque - known == {"kuijk-blake-mirror", "kuijk-blake-half"}
 
 

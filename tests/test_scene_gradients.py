@@ -54,7 +54,7 @@ def kind(name):
     return type(core), getattr(core, "form", "")
 
 
-NAMES = tuple(entry.name for entry in catalog.entries() if entry.family.sides is None)
+NAMES = tuple(entry.name for entry in catalog.entries() if entry.family.surface is None)
 KINDS = list({kind(name): name for name in reversed(NAMES)}.values())
 """One BRDF of each kind."""
 

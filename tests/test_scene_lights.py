@@ -9,8 +9,8 @@ import numpy_shader
 import pytest
 from selection import few
 
+from brdfcheck.brdf.microfacet import boundary_reflectance
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
-from brdfcheck.scene.tracing import boundary_reflectance
 from brdfcheck.scene.vectors import Vector
 
 ORIGIN = Vector(*jnp.zeros(3))

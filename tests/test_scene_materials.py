@@ -43,7 +43,7 @@ def shaded(material, lights, dtype=np.float64):
     return np.asarray(shade(material, lights, *vectors)).T
 
 
-@pytest.mark.parametrize("name", [entry.name for entry in catalog.entries() if entry.family.sides is None])
+@pytest.mark.parametrize("name", [entry.name for entry in catalog.entries() if entry.family.surface is None])
 def test_every_brdf_of_the_catalogue_is_shaded_as_it_is_defined(name):
     brdf = catalog.entry(name).family.build(**middle(name))
     material = Surface(Term(name, **middle(name)), allow_unvalidated=True)
@@ -268,7 +268,7 @@ def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
     light = numpy_shader.normalised(np.array([0.3, -0.2, 1]))
     view = np.broadcast_to((light * [-1, -1, 1]).astype(np.float32)[:, None], normals.shape)
     slopes = {"m", "alpha"}
-    opaque = [entry for entry in catalog.entries() if entry.family.sides is None]
+    opaque = [entry for entry in catalog.entries() if entry.family.surface is None]
     facets = [entry.name for entry in opaque if slopes & entry.family.ranges.keys()]
     terms = [Term(name, **dict.fromkeys(catalog.entry(name).family.ranges, 1e-9)) for name in facets]
     surfaces = [Surface(term, allow_unvalidated=True) for term in terms]

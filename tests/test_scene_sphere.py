@@ -124,7 +124,7 @@ def test_bad_views_are_refused_in_one_line(options, words):
 # --- the white furnace ---
 
 
-VALIDATED = [entry.name for entry in catalog.entries() if entry.validated and entry.family.sides is None]
+VALIDATED = [entry.name for entry in catalog.entries() if entry.validated and entry.family.surface is None]
 
 
 @pytest.mark.slow

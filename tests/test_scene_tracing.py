@@ -13,12 +13,17 @@ import pytest
 from numpy_raster import camera_rays
 from selection import few
 
+from brdfcheck.brdf.microfacet import boundary_reflectance
+from brdfcheck.brdf.transmission import RoughDielectric
+from brdfcheck.brdf.two_sides import bsdf
 from brdfcheck.geometry import reflected, refracted
+from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene import tracing
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon
 from brdfcheck.scene.materials import Highlight, Surface, Term, Translucent
-from brdfcheck.scene.tracing import Plane, Sphere, boundary_reflectance, composed, trace
+from brdfcheck.scene.shading import shade
+from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
 
 trace64 = functools.partial(trace, dtype=jnp.float64, least_weight=0.0)
 
@@ -26,6 +31,10 @@ trace64 = functools.partial(trace, dtype=jnp.float64, least_weight=0.0)
 @functools.cache
 def matt(*color):
     return Surface(Term("lambert", color))
+
+
+def of(brdf, tint=1.0, **parameters):
+    return Surface(Term(brdf, tint, **parameters), allow_unvalidated=True)
 
 
 def lamp(position, power):
@@ -104,16 +113,17 @@ def test_mirrors_in_a_closed_room_are_a_geometric_series(depth, dtype):
     assert image.dtype == dtype
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("form", ["shares", "term"])
 @pytest.mark.parametrize("index", few([1.33, 1.5, 2.4, 0.8], (1.5, 0.8)))
-def test_glass_before_white_vanishes_but_for_the_depth_limit(index):
+def test_glass_before_white_vanishes_but_for_the_depth_limit(index, form):
     # The angle inside a sphere is the same at every bounce, so what is still inside after d of them is (1 - F) F^(d-1).
     camera, size = Orthographic(half_height=1.0), (40, 40)
     x, y = ((np.arange(40) + 0.5) / 20 - 1) * np.ones((40, 1)), (1 - (np.arange(40) + 0.5) / 20)[:, None]
     square = x**2 + y**2
     cosine = np.sqrt(np.maximum(1 - square, 0))
-    for depth in (1, 2, 5):
-        ball = Sphere((0, 0, 0), 1.0, transparency=1.0, index=index)
+    for depth in (1, 5):
+        glass = {"transparency": 1.0, "index": index} if form == "shares" else {"material": of("dielectric", eta=index)}
+        ball = Sphere((0, 0, 0), 1.0, **glass)
         image = trace64((ball,), (), camera, size=size, depth=depth, background=1.0)
         share = np.asarray(boundary_reflectance(cosine, jnp.asarray(index)))
         missing = np.where(square < 1, (1 - share) * share ** (depth - 1), 0)
@@ -168,6 +178,64 @@ def test_a_sphere_does_not_shadow_its_lit_side(dtype):
     )
     np.testing.assert_array_equal(with_shadows, without)
     assert np.asarray(without).max() > 0.2
+
+
+# What transmits
+
+
+def test_a_matt_sheet_is_lit_from_behind():
+    # E T / pi, whatever the light, on either side; what a polygon brings is that on its side.
+    sheet = Plane((0, 0, 0), (0, 0, 1), of("lambert-transmission", (1.0, 0.5, 0.2), albedo=0.9, through=2 / 3))
+    square = Polygon([(1.0, 1, 2), (-1, 1, 2), (-1, -1, 2), (1, -1, 2)], 3.0)
+    for side, share in ((1.0, 0.3), (-1.0, 0.6)):
+        camera = Perspective((0.0, 0.0, 3 * side), (0.0, 0.0, 0.0), (0, 1, 0), field_of_view=1.0)
+        for light, expected in (
+            (Distant((0.6, 0.0, 0.8), 2.0), 1.6),
+            (lamp((0.0, 0.0, 2.0), 8.0), 2.0),
+            (square, 3 * float(square.irradiance(np.zeros(3), np.array([0.0, 0.0, 1.0])))),
+        ):
+            image = np.asarray(trace64([sheet], [light], camera, size=(1, 1)))[:, 0, 0]
+            np.testing.assert_allclose(image, np.array([1.0, 0.5, 0.2]) * share * expected / np.pi, rtol=1e-12)
+
+
+def test_what_loses_nothing_vanishes_in_a_furnace():
+    clear, paper = of("thin-sheet", index=1.5, clear=1.0), of("lambert-transmission", albedo=1.0, through=0.3)
+    mixed = Surface(Term(clear.terms[0].brdf, 0.25), Term(paper.terms[0].brdf, 0.75), allow_unvalidated=True)
+    bodies = [Sphere((-0.6, 0, -1), 0.8, paper), Plane((0, 0, -3), (0, 0.1, 1), mixed), Plane((0, 0, 0), (0.1, 0, 1), clear)]
+    image = trace64(bodies, [Environment(1.0)], Orthographic(half_height=1.2), size=(20, 20), depth=8, background=1.0)
+    # Less than R^4 is left between the panes, R at up to 12 degrees.
+    np.testing.assert_allclose(image, 1, atol=1e-6)
+
+
+def test_a_pane_dims_its_shadow_by_what_it_stops():
+    floor, pane = (
+        Plane((0, 0, 0), (0, 0, 1), matt(1.0, 1.0, 1.0)),
+        Plane((0, 0, 1), (0, 0, 1), of("thin-sheet", index=1.5, clear=0.5)),
+    )
+    camera = Perspective((0.0, 0.0, 0.9), (0.0, 0.0, 0.0), (0, 1, 0), field_of_view=1.0)
+    image = np.asarray(trace64([floor, pane], [Distant((0.6, 0.0, 0.8), np.pi)], camera, size=(1, 1)))
+    passing = pane.material.terms[0].brdf.weights(jnp.asarray(0.8))[1]
+    np.testing.assert_allclose(image[:, 0, 0], 0.8 * float(passing), rtol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["lobe", "radiance", "numpy"])
+def test_a_rough_boundary_under_a_light_on_either_side(form):
+    lobe = RoughDielectric(0.4, 1.5)
+    functions = {
+        "radiance": bsdf(lambda wi, wo: lobe(wo, wi), eta=1.5, scale="radiance"),
+        "numpy": bsdf(lambda wi, wo: np.asarray(lobe(np.asarray(wi), np.asarray(wo))), eta=1.5),
+    }
+    material = of(functions.get(form, lobe))
+    for side, height in ((1.0, 0.7), (1.0, -0.7), (-1.0, 0.9), (-1.0, -0.9)):
+        light = np.array([0.3, 0.1, height])
+        light, view = light / np.linalg.norm(light), np.array([-0.28, 0.0, 0.96 * side])
+        normal, below = (0.0, 0.0, side), jnp.asarray(side < 0)
+        found = shade(material, [Distant(light, 2.0)], np.zeros(3), tuple(map(jnp.asarray, normal)), tuple(view), below)
+        expected = 2 * abs(light[2]) * float(lobe(light, view))
+        assert expected > 1e-3
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        white = shade(of(lobe), [Environment(1.0)], np.zeros(3), tuple(map(jnp.asarray, normal)), tuple(view), below)
+        np.testing.assert_allclose(white, float(albedo(lobe.lit(float(side < 0)), 0.96).value), atol=1e-4)
 
 
 # Against the other tracer

@@ -10,7 +10,7 @@ import functools
 import inspect
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from types import ModuleType
 from typing import Any
 
@@ -29,6 +29,8 @@ _NAMES = {
 }
 DIRECTIONS = {name: role for role, names in _NAMES.items() for name in names}
 """Names under which people pass the two directions: "i" to the light, "o" to the viewer. Lower case."""
+NORMALS = "N, Ng, Ns, normal or nrm"
+"""Names under which people pass the surface normal, for messages."""
 _OF_ANGLES = {
     "i": ("i", "in", "inc", "incident", "incoming", "l", "light"),
     "o": ("o", "out", "outgoing", "r", "refl", "reflected", "v", "view"),
@@ -57,17 +59,24 @@ def angle_of(name: str) -> str | None:
     return f"{'theta' if found[1] in ('theta', 'θ') else 'phi'}_{_ROLES[found[2]]}"
 
 
-def directional(value: Any) -> Any:
+def is_normal(name: str) -> bool:
+    """True for one of `NORMALS`: an exponent is n."""
+    return name in ("N", "Ng", "Ns") or name.lower() in ("normal", "nrm")
+
+
+def directional(value: Any, parameters: Collection[str] = ()) -> Any:
     """f(wi, wo, **parameters) of what a user hands over; what is that already, or has no such form, as it is.
 
     Objects that are not callable, but have a method `eval` or `f`, stand for that. Arguments called like `ANGLES` are angles in
     radians: theta from the normal, phi from the x axis, in (-pi, pi]; h the half vector, d the light relative to it
-    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order.
+    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order, and
+    beside two directions called so an argument of `NORMALS` gets (0, 0, 1), but where its name is one of the `parameters`; the
+    function that is returned then has their names as `given_normal`, and `is_number`, true where it takes them for numbers.
     """
     if isinstance(value, (AbstractBRDF, AbstractBSDF, type)):
         return value
     if not callable(value):
-        return next((directional(way) for name in _METHODS if callable(way := getattr(value, name, None))), value)
+        return next((directional(way, parameters) for name in _METHODS if callable(way := getattr(value, name, None))), value)
     try:
         signature = inspect.signature(value)
     except (TypeError, ValueError):
@@ -77,8 +86,13 @@ def directional(value: Any) -> Any:
     kinds = set(angles.values())
     if len(kinds) == len(angles) >= 2 and ("theta_d" in kinds or "phi_d" not in kinds):
         return _of_angles(value, angles, signature)
-    if [DIRECTIONS.get(item.name.lower()) for item in given[:2]] == ["o", "i"]:
-        return _renamed(value, lambda wi, wo, *more, **rest: value(wo, wi, *more, **rest), signature, given[:2])
+    normals = [item for item in given if is_normal(item.name) and item.name not in parameters]
+    first = [item for item in given if item not in normals][:2]
+    roles = [DIRECTIONS.get(item.name.lower()) for item in first]
+    if normals and sorted(map(str, roles)) == ["i", "o"]:
+        return _with_normal(value, first[roles.index("i")], first[roles.index("o")], normals, signature)
+    if roles == ["o", "i"]:
+        return _renamed(value, lambda wi, wo, *more, **rest: value(wo, wi, *more, **rest), signature, first)
     return value
 
 
@@ -95,6 +109,31 @@ def _renamed(value: Any, brdf: Any, signature: inspect.Signature, gone: list[ins
         if item.name not in names
     ]
     found.__signature__ = signature.replace(parameters=[*directions, *sorted(rest, key=lambda item: item.kind)])
+    return found
+
+
+def _with_normal(
+    value: Any, i: inspect.Parameter, o: inspect.Parameter, normals: list[inspect.Parameter], signature: inspect.Signature
+) -> Any:
+    def brdf(wi: Any, wo: Any, axis: tuple[int, int, int] = (0, 0, 1), **parameters: Any) -> Any:
+        form: Any = jnp if isinstance(wi, jax.Array) else np
+        normal = form.zeros_like(wi) + form.asarray(axis, wi.dtype)
+        return value(**{i.name: wi, o.name: wo}, **{item.name: normal for item in normals}, **parameters)
+
+    def towards_normal(wi: Any, wo: Any, **parameters: Any) -> Any:
+        return brdf(wi, wo, **parameters)
+
+    def is_number(**parameters: float) -> bool:
+        pair = np.array([0.48, 0.36, 0.8]), np.array([-0.6, 0.0, 0.8])
+        try:
+            up, aside = (np.asarray(brdf(*pair, axis, **parameters)) for axis in ((0, 0, 1), (1, 0, 0)))
+        except Exception:  # whatever a user's code raises: it is told where the function is evaluated
+            return False
+        # What takes the components one by one answers in their order.
+        return up.shape == (3,) and not np.all(up == up[0]) and bool(np.allclose(up, np.roll(aside, -1)))
+
+    found = _renamed(value, towards_normal, signature, [i, o, *normals])
+    found.given_normal, found.is_number = tuple(item.name for item in normals), is_number
     return found
 
 

@@ -27,9 +27,9 @@ class Family:
     `held`: parameters that `build` holds itself, so that reports can name them. `switches`: parameters that take the two ends
     of their range and nothing between. `defaults`: what parameters are where one member of the family is wanted and nothing is
     said, by default the low ends of their ranges. `pointwise`: builds what owes reciprocity, where `build` holds more than
-    that (what is transmitted, deltas). `sides`: of what transmits, builds what is reflected and what is transmitted alone;
-    `pointwise` is then on the whole sphere. `tolerance`: how far above 1 an albedo may lie where nothing is said; `notes`: what
-    every report on it says. Raises ValueError where a bound is not finite or an interval is empty.
+    that (what is transmitted, deltas). `surface`: of what transmits, builds the BSDF of which `build` makes what is lit from
+    one side; `pointwise` is then on the whole sphere. `tolerance`: how far above 1 an albedo may lie where nothing is said;
+    `notes`: what every report on it says. Raises ValueError where a bound is not finite or an interval is empty.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Family:
     switches: frozenset[str] = frozenset()
     defaults: Mapping[str, float] = field(default_factory=dict)
     pointwise: Callable[..., Any] | None = None
-    sides: Callable[..., tuple[Any, Any]] | None = None
+    surface: Callable[..., Any] | None = None
     tolerance: float = 1e-9
     notes: tuple[str, ...] = ()
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck.brdf.blame import told
-from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, directional, over_cosine
+from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, NORMALS, directional, is_normal, over_cosine
 from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
@@ -69,11 +69,14 @@ class Signature:
     open: bool
 
 
-def signature_of(value: Any) -> Signature:
-    """The parameters of a family, a class, a function or a factory, its directions or angles as wi and wo."""
+def signature_of(value: Any, ranged: Collection[str] = ()) -> Signature:
+    """The parameters of a family, a class, a function or a factory, its directions or angles as wi and wo.
+
+    `ranged`: names that have a range, so that none of them is the normal.
+    """
     from brdfcheck.brdf.family import Family
 
-    value = directional(value)
+    value = directional(value, ranged)
     if isinstance(value, AbstractFile):
         return Signature(value.required, value.names, value.whole, value.whole, frozenset(), False)
     if isinstance(value, Family):
@@ -212,8 +215,9 @@ def family_of(
         return Target(value.family(ranges, cos_theta, no_parameter), None, value.path, value.line)
     cosines = (0.0, 1.0) if cos_theta is None else cos_theta
     ranges = {name: interval(name, bounds) for name, bounds in ranges.items()}
-    value = directional(value)
-    signature = signature_of(value)
+    value = directional(value, ranges)
+    signature = signature_of(value, ranges)
+    normals, is_number = getattr(value, "given_normal", ()), getattr(value, "is_number", None)
     # Of what transmits it is the side of the light, which no BSDF has as a parameter of its own.
     sides = None if BELOW in signature.names or signature.open else ranges.pop(BELOW, None)
     file = split_spec(spec)[0] if is_file_spec(spec) else None
@@ -247,19 +251,29 @@ def family_of(
             is_function = named_so or not _returns_a_function(value, {**middle, **held})
         elif named_so:
             missing = missing[2:]
+    if (
+        is_function
+        and is_number is not None
+        and is_number(**{name: (low + high) / 2 for name, (low, high) in swept.items()}, **held)
+    ):
+        is_function, missing = False, list(normals)
     if not is_function and missing:
         plural = "parameters" if len(missing) > 1 else "parameter"
         example = " ".join(f"--over {name}=LO:HI" for name in missing)
         python = ", ".join(f"{name}=(LO, HI)" for name in missing)
         angles = any(name.lower().startswith(("theta", "phi")) for name in missing)
         advice = f"; the angles of a BRDF are known by their names: {ANGLES}; or write f(wi, wo)" if angles else ""
+        if any(is_normal(name) for name in missing) or (missing == ["n"] and "wi" in signature.names):
+            advice = f"; the normal is known by its name, {NORMALS}, beside two directions, f(wi, wo, N)"
         raise NoRange(
             f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}{advice}", missing
         )
 
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
-    family = both_sides(Family(spec, _returning(build, reading), swept, cosines, held), sides)
+    # An exponent may be called so, too.
+    notes = [f"{name} is given the normal (0, 0, 1): with a range it is a parameter" for name in normals]
+    family = both_sides(Family(spec, _returning(build, reading), swept, cosines, held, notes=tuple(notes)), sides)
     return Target(family, _refusal(family, user=True), file, line_of(value, spec))
 
 

@@ -158,14 +158,13 @@ def transmitting(family: Family, bounds: tuple[float, float]) -> Family:
     """`both_sides` of a family that is known to build BSDFs; `bounds`: the range of `below`."""
 
     def build(below: Any = bounds[0], **parameters: Any) -> Any:
-        return family.build(**parameters).lit(below)
+        return surface(**parameters).lit(below)
 
-    def parts(below: Any = bounds[0], **parameters: Any) -> tuple[Any, Any]:
-        made = family.build(**parameters)
-        return made.lit(below, "reflected"), made.lit(below, "transmitted")
+    def surface(below: Any = None, **parameters: Any) -> AbstractBSDF:
+        return family.build(**parameters)  # the same from both sides
 
     def exchanged(below: Any = 0.0, **parameters: Any) -> Any:
-        return reciprocal_form(family.build(**parameters))
+        return reciprocal_form(surface(**parameters))
 
     build.__name__ = exchanged.__name__ = getattr(family.build, "__name__", family.name)
     held = bounds[0] == bounds[1]
@@ -176,7 +175,7 @@ def transmitting(family: Family, bounds: tuple[float, float]) -> Family:
         held={**family.held, BELOW: bounds[0]} if held else family.held,
         switches=family.switches if held else family.switches | {BELOW},
         pointwise=exchanged,
-        sides=parts,
+        surface=surface,
     )
 
 

@@ -152,6 +152,8 @@ def parse_scene(document: Mapping[str, Any], label: str = "scene", *, folder: Pa
     material, output, matters = picture.material, table.output, table.matters
     if table.room is not None and not (isinstance(material, Surface) and any(term.matt for term in material.terms)):
         raise UsageError(f"{label}: a room lights matt terms of a surface; the material has none")
+    if isinstance(material, Surface) and any(term.transmits for term in material.terms):
+        raise UsageError(f"{label}: budgets and rooms are for surfaces that only reflect; the material transmits")
     pixel = 0.5 / (2**output.bits - 1) if matters.pixel is None else matters.pixel
     facets = table.geometry is not None and table.geometry.kind == "icosphere"
     return Scene(picture, label, output.bits, output.transfer, pixel, matters.energy, matters.silhouette, table.room, facets)

@@ -74,7 +74,7 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
 
     Raises Unknown for what is no formula of the theorems.
     """
-    if family.sides is not None:
+    if family.surface is not None:
         raise NotProved(
             f"{family.name} transmits: certificates are for what reflects; brdfcheck check names the theorem it rests on"
         )

@@ -30,7 +30,10 @@ from brdfcheck.scene.images import rgb_of_spectrum
 from brdfcheck.scene.raster import INTERPOLATIONS
 from brdfcheck.scene.smooth import SHADINGS, render_mesh
 from brdfcheck.scene.sphere import sphere_image
+from brdfcheck.scene.tracing import Sphere, trace
 from brdfcheck.scene.vectors import color_of, scalar, vector_of
+
+_BOUNCES = 6  # of light in a clear sphere
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,11 @@ class Scene:
         """
         size = self.size if size is None else checked_size(size)
         options = {"size": size, "background": self.background, **self.options}
-        if self.mesh is None:
+        if self.mesh is None and self.material.glass is not None:
+            options = {"center": np.zeros(3), "radius": 1.0, **options}
+            ball = Sphere(options.pop("center"), options.pop("radius"), self.material)
+            image = trace((ball,), self.lights, self.camera, depth=_BOUNCES, **options)
+        elif self.mesh is None:
             image = sphere_image(self.material, self.lights, self.camera, **options)
         else:
             image = render_mesh(self.mesh, self.camera, self.material, self.lights, **options)

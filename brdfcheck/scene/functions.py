@@ -1,4 +1,4 @@
-"""BRDFs of users as terms of a surface: whatever `brdfcheck.check` takes."""
+"""BRDFs and BSDFs of users as terms of a surface: whatever `brdfcheck.check` takes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF, Scale
 from brdfcheck.brdf.callables import Evaluator, constant
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
-from brdfcheck.brdf.two_sides import Folded
+from brdfcheck.brdf.two_sides import BELOW, Folded, FunctionBSDF
 from brdfcheck.messages import UsageError, one_line
 
 
@@ -69,17 +69,34 @@ class Function(AbstractBRDF):
         return np.broadcast_to(found[:, 0] if found.ndim == 2 and not self.colored else found, rows)
 
 
-def transmits(name: str) -> str:
-    """What is said of a surface that transmits where lights are on one side only."""
-    return f"{name} transmits: it is shown in the white furnace (brdfcheck render furnace --brdf NAME), not under lights"
+@final
+class FunctionSurface(AbstractBSDF):
+    """A `FunctionBSDF` for pictures: its function as a `Function`, on the whole sphere."""
+
+    function: Function
+    eta: Any
+    scale: Scale = eqx.field(static=True)
+
+    def __init__(self, surface: FunctionBSDF, name: str):
+        self.function, self.eta, self.scale = Function(surface, name), jnp.asarray(surface.eta, float), surface.scale
+
+    @property
+    def __name__(self) -> str:
+        return self.function.name
+
+    def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        return self.function(wi, wo)
+
+    def lit(self, below: Any = 0.0, part: str = "both") -> Function:
+        return Function(self.function.call.lit(below, part), self.function.name)  # pyright: ignore[reportFunctionMemberAccess]
 
 
 def brdf_of(
     value: Any, parameters: Mapping[str, float], reading: Reading | None = None, *, furnace: bool = False
-) -> AbstractBRDF:
-    """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF; `reading`: how files are read.
+) -> AbstractBRDF | AbstractBSDF:
+    """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF or BSDF; `reading`: how files are read.
 
-    `furnace`: for a white furnace, which takes what transmits.
+    `furnace`: for a white furnace, in which a BSDF is the BRDF that has its energy, lit from one side (from above, by default).
     Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
     """
     try:
@@ -90,11 +107,20 @@ def brdf_of(
     if target.finding is not None:
         raise ValueError(one_line(target.finding))
     family = target.family
-    if family.sides is not None and not furnace:
-        raise UsageError(transmits(family.name))
-    missing = [name for name, (low, high) in family.ranges.items() if low < high and name not in family.defaults]
+    if family.surface is not None and not furnace and BELOW in parameters:
+        raise UsageError(f"{family.name}: {BELOW} is for the white furnace; under lights each side has its own")
+    known = {BELOW, *family.defaults} if family.surface is not None else family.defaults
+    missing = [name for name, (low, high) in family.ranges.items() if low < high and name not in known]
     if missing:
         plural = "s" if len(missing) > 1 else ""
         raise UsageError(f"{family.name}: the parameter{plural} {', '.join(missing)} must be given as a number")
-    brdf = family.build(**{name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items()})
-    return brdf if isinstance(brdf, AbstractBRDF) else Function(brdf, target.family.name)
+    build = family.build if family.surface is None or furnace else family.surface
+    brdf = build(**{name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items()})
+    if not furnace and (getattr(brdf, "transmits", False) or getattr(brdf, "mirrors", False)):
+        raise UsageError(
+            f"{family.name} has what the plug-in alone can follow, mirrors or what it transmits: it is shown in the white"
+            " furnace (brdfcheck render furnace --brdf NAME), not under lights"
+        )
+    if isinstance(brdf, FunctionBSDF):
+        return FunctionSurface(brdf, family.name)
+    return brdf if isinstance(brdf, (AbstractBRDF, AbstractBSDF)) else Function(brdf, family.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, final
 
@@ -15,14 +16,16 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.subject import refuse_reading
+from brdfcheck.brdf.transmission import AbstractSmooth, LambertTransmission
+from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.runtime import double_precision
-from brdfcheck.scene.functions import Function, brdf_of, transmits
+from brdfcheck.scene.functions import Function, FunctionSurface, brdf_of
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
 from brdfcheck.scene.shading import FRESNELS, AbstractMaterial, Meeting, Place, meetings, reflected
@@ -40,15 +43,15 @@ class Term(eqx.Module):
     """One BRDF of a surface times a colour, or times the Fresnel reflectance whose value at normal incidence is the colour.
 
     `brdf`: a catalogue name with its parameters, as in ``Term("blinn-phong", 0.3, n=50)``, or whatever else `brdfcheck.check`
-    takes: a lobe, ``Term("mine.py:glossy", n=50)``, a function f(wi, wo), whose x axis is level on every surface. `reading`:
-    how a file is read.
-    `fresnel`: "none", "exact" or "schlick", at the angle between the light and the half vector.
+    takes: a lobe, ``Term("mine.py:glossy", n=50)``, a function f(wi, wo), whose x axis is level on every surface; or a BSDF,
+    which is lit from both sides. `reading`: how a file is read.
+    `fresnel`: "none", "exact" or "schlick", at the angle between the light and the half vector; for what only reflects.
 
     Raises KeyError for an unknown name, ValueError for bad parameters or a BRDF that cannot be called, TypeError for something
     that is no BRDF.
     """
 
-    brdf: AbstractBRDF
+    brdf: AbstractBRDF | AbstractBSDF
     tint: Float[Array, " 3"]
     fresnel: str = eqx.field(static=True)
     name: str = eqx.field(static=True)
@@ -65,11 +68,10 @@ class Term(eqx.Module):
             if reading is not None:
                 refuse_reading(reading, {brdf: None})
             self.name, family = brdf, catalog.entry(brdf).family
-            if family.sides is not None:
-                raise ValueError(transmits(brdf))
-            for parameter in parameters.keys() - family.ranges.keys():
-                raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(family.ranges)}")
-            for parameter in family.ranges.keys() - parameters.keys() - {"reflectance"}:
+            known = [name for name in family.ranges if name != BELOW or family.surface is None]
+            for parameter in parameters.keys() - set(known):
+                raise ValueError(f"{brdf} has no parameter {parameter!r}; its parameters: {', '.join(known)}")
+            for parameter in set(known) - parameters.keys() - {"reflectance"}:
                 raise ValueError(f"{brdf} needs its parameter {parameter}")
             for parameter, value in parameters.items():
                 (checked if parameter == "reflectance" else scalar)(value, f"{brdf}: {parameter}", -np.inf)
@@ -78,26 +80,41 @@ class Term(eqx.Module):
                 isinstance(value, Tracer) or bool(np.all((low <= np.asarray(value)) & (np.asarray(value) <= high)))
                 for value, (low, high) in zip(parameters.values(), ranges, strict=True)
             )
-            brdf = family.build(**({"reflectance": 1.0} if "reflectance" in family.ranges else {}) | parameters)
-        elif not isinstance(brdf, AbstractBRDF):
+            build = family.build if family.surface is None else family.surface
+            brdf = build(**({"reflectance": 1.0} if "reflectance" in family.ranges else {}) | parameters)
+        elif not isinstance(brdf, (AbstractBRDF, AbstractBSDF)):
             numbers = {key: float(scalar(value, key, -np.inf)) for key, value in parameters.items()}
             brdf = brdf_of(brdf, numbers, reading)
         elif parameters:
             raise TypeError(f"a lobe has its parameters; got {', '.join(parameters)} beside {type(brdf).__name__}")
         what = self.name or name_of(brdf)
+        if reflectance and isinstance(brdf, AbstractBSDF):
+            raise ValueError(f"{what} transmits: a Fresnel reflectance is for what only reflects")
         self.brdf = jax.tree.map(lambda leaf: checked(leaf, f"a parameter of {what}", -np.inf), brdf)
         for slope in ("m", "alpha"):
             if hasattr(core := self.brdf.core, slope):
                 checked(getattr(core, slope), f"{what}: {slope}", _SMOOTHEST)
 
     @property
+    def transmits(self) -> bool:
+        """True for a BSDF."""
+        return isinstance(self.brdf, AbstractBSDF)
+
+    @property
     def matt(self) -> bool:
-        """True for a perfectly diffuse term, which reflects light from anywhere by the same share."""
-        return isinstance(self.brdf.core, Lambert) and self.fresnel == "none"
+        """True for a perfectly diffuse term, which sends on light from anywhere by the same share."""
+        return isinstance(self.brdf.core, (Lambert, LambertTransmission)) and self.fresnel == "none"
+
+    def shares(self) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """What a matt term reflects, and what it transmits, of shape (3,) each."""
+        core = self.brdf.core
+        if isinstance(core, LambertTransmission):
+            return self.tint * core.reflectance, self.tint * core.transmittance
+        return self.tint * (np.pi * core.amplitude()), jnp.zeros_like(self.tint)
 
     def albedo(self) -> Float[Array, "..."]:
-        """The albedo of a matt term, shape (3,)."""
-        return self.tint * (np.pi * self.brdf.core.amplitude())
+        """All that a matt term sends on, shape (3,)."""
+        return sum(self.shares(), jnp.zeros_like(self.tint))
 
 
 class NotConserving(ValueError):
@@ -119,9 +136,11 @@ class Surface(AbstractMaterial):
     ``Surface(Term("lambert", (0.6, 0.3, 0.1)), Term("blinn-phong", 0.3, n=50))``. Every BRDF must be one that
     `brdfcheck.check` calls conserving, and so must the sum be in every channel, by the same check of the sum over all
     angles where the tints alone do not show it. `allow_unvalidated=True` builds it all the same. Numbers that are traced
-    are not checked.
+    are not checked. One of the terms may be smooth: a boundary or a clear pane, whose light goes on as rays (`glass`).
 
-    Raises NotConserving, with the reason, for a BRDF or a sum that does not conserve.
+    In an `Environment` a BSDF sends on R + T: its radiance over the square of the index is taken to be the same on both sides.
+
+    Raises NotConserving, with the reason, for a BRDF or a sum that does not conserve; ValueError for two smooth terms.
     """
 
     terms: tuple[Term, ...]
@@ -132,10 +151,21 @@ class Surface(AbstractMaterial):
                 f"a surface is a sum of at least one Term; got {', '.join(type(t).__name__ for t in terms) or 'none'}"
             )
         self.terms = terms
+        if sum(isinstance(term.brdf, AbstractSmooth) for term in terms) > 1:
+            raise ValueError("a surface has at most one smooth term: each has its own direction of refraction")
         if not allow_unvalidated:
             for term in terms:
                 _refuse_unvalidated(term)
             _refuse_excess(terms)
+
+    @property
+    def glass(self) -> tuple[Array, AbstractSmooth] | None:
+        return next(((term.tint, term.brdf) for term in self.terms if isinstance(term.brdf, AbstractSmooth)), None)
+
+    @property
+    def matter(self) -> Surface | None:
+        rest = [term for term in self.terms if not isinstance(term.brdf, AbstractSmooth)]
+        return Surface(*rest, allow_unvalidated=True) if rest else None
 
     def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
         dimensions = len(place.shape)
@@ -151,14 +181,15 @@ class Surface(AbstractMaterial):
                         share = FRESNELS[term.fresnel](meeting.light_half, spread(term.tint, dimensions))
                         total = total + spread(light.intensity, dimensions) * share * value
                 elif term.matt:
-                    field = jnp.ones((), total.dtype)
-                    if isinstance(light, Polygon):
-                        field = light.irradiance(place.point, place.normal) / np.pi
-                    total = total + spread(light.intensity * term.albedo().astype(total.dtype), dimensions) * field
+                    if not isinstance(light, Polygon):
+                        total = total + spread(light.intensity * term.albedo().astype(total.dtype), dimensions)
+                        continue
+                    sides = (place.normal, place.normal * -1)
+                    for share, normal in zip(term.shares()[: 1 + term.transmits], sides, strict=False):
+                        field = light.irradiance(place.point, normal) / np.pi
+                        total = total + spread(light.intensity * share.astype(total.dtype), dimensions) * field
                 elif isinstance(light, Environment):
-                    turn = None if hasattr(term.brdf.core, "breaks") else place.turn
-                    seen = place.seen if turn is None else jnp.broadcast_to(place.seen, place.shape)
-                    value = directional_albedo(term.brdf, seen, term.fresnel, term.tint, turn)
+                    value = _surrounded(term, place)
                     tint = term.tint if term.fresnel == "none" else jnp.ones_like(term.tint)
                     total = total + spread(light.intensity * tint, dimensions) * value
                 elif not isinstance(light, Ambient) and not (isinstance(light, Polygon) and light.matt_only):
@@ -167,6 +198,20 @@ class Surface(AbstractMaterial):
                         f" has {type(term.brdf.core).__name__}: a light that is matt_only reaches the matt terms alone"
                     )
         return total
+
+
+def _surrounded(term: Term, place: Place) -> Float[Array, "..."]:
+    """What a term sends on of a uniform surrounding of radiance 1, but for a tint that is not in its Fresnel term."""
+
+    def value(brdf: AbstractBRDF) -> Array:
+        turn = None if hasattr(brdf.core, "breaks") else place.turn
+        seen = place.seen if turn is None else jnp.broadcast_to(place.seen, place.shape)
+        return directional_albedo(brdf, seen, term.fresnel, term.tint, turn)
+
+    if not isinstance(term.brdf, AbstractBSDF):
+        return value(term.brdf)
+    above = value(term.brdf.lit(0.0))
+    return above if place.below is None else jnp.where(place.below, value(term.brdf.lit(1.0)), above)
 
 
 @functools.cache
@@ -181,6 +226,7 @@ def _own_report(structure: Any, leaves: tuple[tuple[tuple[int, ...], bytes], ...
     with double_precision():
         numbers = [jnp.asarray(np.frombuffer(content).reshape(shape)) for shape, content in leaves]
         brdf = jax.tree.unflatten(structure, numbers)
+        brdf = brdf.function if isinstance(brdf, FunctionSurface) else brdf
         return check(brdf.call if isinstance(brdf, Function) else brdf, intervals=False)
 
 
@@ -218,8 +264,9 @@ def _refuse_excess(terms: tuple[Term, ...]) -> None:
         return
     # A Fresnel reflectance is at most 1, an albedo that has passed too.
     most = sum(np.ones(3) if term.fresnel != "none" else _bound(term) for term in terms)
-    for channel in np.flatnonzero(np.asarray(most) > 1 + TOLERANCE):
-        report = _sum_report(terms, int(channel))
+    sides = (0.0, 1.0) if any(term.transmits for term in terms) else (0.0,)
+    for channel, below in itertools.product(np.flatnonzero(np.asarray(most) > 1 + TOLERANCE), sides):
+        report = _sum_report(terms, int(channel), below)
         if report.verdict is not Verdict.CONSERVES:
             raise NotConserving(
                 f"the surface reflects up to {report.albedo:.6g} of the light in channel {'RGB'[channel]}, at"
@@ -229,18 +276,19 @@ def _refuse_excess(terms: tuple[Term, ...]) -> None:
 
 
 def _bound(term: Term) -> np.ndarray:
-    tint = np.asarray(term.tint, float)
-    return tint * np.pi * np.asarray(term.brdf.core.amplitude(), float) if term.matt else tint
+    return np.asarray(term.albedo() if term.matt else term.tint, float)
 
 
-def _sum_report(terms: tuple[Term, ...], channel: int) -> Report:
+def _sum_report(terms: tuple[Term, ...], channel: int, below: float) -> Report:
+    """The check of a channel's sum; what transmits as the BRDF that has its energy, lit from one side."""
     with double_precision():
         parts = [_double(term) for term in terms]
+        lit = [part.brdf.lit(below) if part.transmits else part.brdf for part in parts]
 
         def total(wi: Array, wo: Array) -> Array:
             value = jnp.zeros(wo.shape[:-1], wo.dtype)
-            for part in parts:
-                one = part.brdf(wi, wo)
+            for part, brdf in zip(parts, lit, strict=True):
+                one = brdf(wi, wo)
                 one = one[..., channel] if one.ndim > value.ndim else one
                 if part.fresnel == "none":
                     one = one * part.tint[channel]

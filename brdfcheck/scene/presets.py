@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.messages import UnknownName
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.canvas import (
@@ -48,16 +48,26 @@ class Preset:
     make: Callable[[Canvas], Any]
 
 
-OF_ONE: Mapping[str, Callable[[Canvas, AbstractBRDF, str], Image]] = MappingProxyType(
+OF_ONE: Mapping[str, Callable[[Canvas, Any, str], Image]] = MappingProxyType(
     {"sphere": lambda canvas, brdf, label: sphere_of(canvas, brdf), "furnace": furnace_of}
 )
 """Pictures of one BRDF, by their names: of a canvas, the BRDF, and a label for it."""
 
 
-def sphere_of(canvas: Canvas, brdf: AbstractBRDF) -> Image:
-    """A sphere of one BRDF, validated or not, under one light: white where a matt white one would be."""
+def sphere_of(canvas: Canvas, brdf: AbstractBRDF | AbstractBSDF) -> Image:
+    """A sphere of one BRDF, validated or not, under one light: white where a matt white one would be.
+
+    What transmits has a light behind it, too, as if each point were alone; what is smooth is traced, with balls behind it.
+    """
     surface = Surface(Term(brdf), allow_unvalidated=True)
-    return canvas.sphere(surface, [Distant(UPPER_RIGHT, np.pi)], background=_GREY)
+    lights = [Distant(UPPER_RIGHT, np.pi)]
+    if surface.glass is not None:
+        behind = [Sphere(place, 0.45, Highlight(color)) for place, color in zip(_BEHIND, (_RED, _GOLD, BLUE), strict=True)]
+        bodies, camera = (Sphere((0.0, 0.0, 0.0), 1.0, surface), *behind), Orthographic()
+        return canvas.mean(trace(bodies, lights, camera, size=canvas.size, depth=6, background=0.5, shadows=False))
+    if isinstance(brdf, AbstractBSDF):
+        lights.append(Distant(_FROM_BEHIND, np.pi))
+    return canvas.sphere(surface, lights, background=_GREY)
 
 
 def named(name: str) -> Preset:
@@ -83,7 +93,7 @@ def render_preset(
 
 def render_brdf(
     kind: str,
-    brdf: AbstractBRDF,
+    brdf: AbstractBRDF | AbstractBSDF,
     label: str,
     size: int = 256,
     quality: str = "normal",
@@ -105,6 +115,8 @@ def _rendered(make: Callable[[Canvas], Any], side: int, quality: str, progress: 
 
 BLUE, _RED, _GOLD = (0.1, 0.3, 0.8), (0.8, 0.12, 0.1), (1.0, 0.72, 0.25)
 _GREY = 0.1
+_FROM_BEHIND = (-1.0, 0.4, -0.8)
+_BEHIND = ((-0.5, 0.35, -2.0), (0.55, 0.3, -2.5), (0.0, -0.5, -3.0))
 
 
 def row_of(values: Sequence[float], name: str, material: Callable[[float], Any]) -> Callable[[Canvas], Image]:

@@ -1,7 +1,8 @@
 """Light meets a surface: the shader, and BRDFs at component-first directions.
 
 A material sees each light as a `Meeting`, whose angles are computed when they are asked for and once: a scene without a
-highlight computes no half vector, one without microfacets no square root for it.
+highlight computes no half vector, one without microfacets no square root for it. What transmits is lit from both sides. Rays
+of light that go on in one direction, `AbstractMaterial.glass`, are for who traces them.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF, AbstractMicrofacetLobe, AbstractZonalLobe
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import fresnel_dielectric, fresnel_schlick
+from brdfcheck.brdf.transmission import AbstractSmooth
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
 from brdfcheck.scene.vectors import TINY, Vector, choose, cross, dot, power, spread, unit
 
@@ -27,10 +29,13 @@ FRESNELS = {"exact": fresnel_dielectric, "schlick": fresnel_schlick}
 
 
 class Place:
-    """Points of a surface and from where they are seen. All angles have the shape of the image, or of what they depend on."""
+    """Points of a surface and from where they are seen. All angles have the shape of the image, or of what they depend on.
 
-    def __init__(self, point: Vector, normal: Vector, view: Vector):
-        self.point, self.normal, self.view = point, normal, view
+    `normal`: on the side that is seen. `below`: True where that is the lower side of the surface; None: nowhere.
+    """
+
+    def __init__(self, point: Vector, normal: Vector, view: Vector, below: Array | None = None):
+        self.point, self.normal, self.view, self.below = point, normal, view, below
         self.shape = jnp.broadcast_shapes(*(jnp.shape(part) for part in (*point, *normal, *view)))
 
     @functools.cached_property
@@ -105,11 +110,13 @@ class Meeting:
         return 2 * self.normal_light * self.place.cos_view - self.light_view
 
 
-def reflected(brdf: AbstractBRDF, meeting: Meeting) -> Float[Array, "..."]:
-    """f(L, V) (N.L) in 1/sr: a field, or (3, ...) where the BRDF has channels.
+def reflected(brdf: AbstractBRDF | AbstractBSDF, meeting: Meeting) -> Float[Array, "..."]:
+    """f(L, V) |N.L| in 1/sr: a field, or (3, ...) where the BRDF has channels. Of a BRDF 0 for light from below.
 
     Lobes that say what they are made of are computed from the angles of the meeting, any other BRDF from its directions.
     """
+    if isinstance(brdf, AbstractBSDF):
+        return _both_sides(brdf, meeting)
     core = brdf.core
     if hasattr(core, "facet_kernel"):
         value = _facets(core, meeting)
@@ -164,8 +171,34 @@ def _any(core: AbstractBRDF, meeting: Meeting) -> Array:
     return jnp.where(lit, value * meeting.cos_light, 0)
 
 
+def _both_sides(surface: AbstractBSDF, meeting: Meeting) -> Array:
+    place = meeting.place
+    # Light along the surface brings nothing: there, the normal keeps the function in its domain.
+    lit = meeting.normal_light != 0
+    light, view = place.local(meeting.direction), place.local(place.view)
+    light = jnp.where(lit[..., None], light, jnp.array([0, 0, 1], light.dtype))
+    view = view.at[..., 2].set(jnp.maximum(view[..., 2], TINY))
+    if place.below is not None:
+        light, view = (one.at[..., 2].multiply(jnp.where(place.below, -1, 1)) for one in (light, view))
+    # In the scale of radiance values are those of a ray from the eye.
+    value = surface(light, view) if surface.scale == "flux" else surface(view, light)
+    if value.ndim > view.ndim - 1:
+        value = jnp.moveaxis(value, -1, 0)
+    return jnp.where(lit, value * jnp.abs(meeting.normal_light), 0)
+
+
 class AbstractMaterial(eqx.Module):
     """What turns light into the colour of a point."""
+
+    @property
+    def glass(self) -> tuple[Float[Array, " 3"], AbstractSmooth] | None:
+        """A smooth surface whose light goes on as rays, and its tint; what `color` leaves to those who trace rays."""
+        return None
+
+    @property
+    def matter(self) -> AbstractMaterial | None:
+        """The material without `glass`; None where nothing is left."""
+        return self
 
     @abc.abstractmethod
     def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
@@ -182,16 +215,22 @@ def meetings(lights: Sequence[AbstractLight], place: Place, owner: str) -> list[
 
 
 def shade(
-    material: AbstractMaterial, lights: Sequence[AbstractLight], point: Any, normal: Any, view: Any
+    material: AbstractMaterial,
+    lights: Sequence[AbstractLight],
+    point: Any,
+    normal: Any,
+    view: Any,
+    below: Array | None = None,
 ) -> Float[Array, "3 ..."]:
     """Linear RGB of the points of a surface, shape (3, ...), in the precision of `normal`.
 
     `point`, `normal` and `view` have shape (3, ...), or are three arrays whose shapes broadcast: what is the same for all
-    pixels may be scalars, and is then computed once. `normal` and `view` are unit vectors, `view` towards the eye. With
+    pixels may be scalars, and is then computed once. `normal` and `view` are unit vectors, `view` towards the eye, `normal` on
+    its side of the surface; `below`: True where that is the lower side, for what transmits (None: nowhere). With
     radiometric materials the result is the reflected radiance, with the artistic ones their colour in [0, 1].
 
     Pure: jit, vmap and grad go through it in all numbers of the material and the lights. Raises ValueError for a light
-    that the material cannot be lit by, TypeError for something that is no material or no light.
+    that the material cannot be lit by, and a material with `glass`; TypeError for something that is no material or no light.
     """
     if not isinstance(material, AbstractMaterial):
         raise TypeError(f"a material of brdfcheck.scene.materials is needed; got {type(material).__name__}")
@@ -208,5 +247,10 @@ def shade(
     def vector(parts: Any) -> Vector:
         return Vector(*(part if isinstance(part, float) else jnp.asarray(part, dtype) for part in parts))
 
-    place = Place(vector(point), vector(normal), vector(view))
+    if material.glass is not None:
+        kind = type(material.glass[1]).__name__
+        raise ValueError(
+            f"{kind} sends light on in one direction: brdfcheck.scene.tracing.trace follows it, on spheres and planes"
+        )
+    place = Place(vector(point), vector(normal), vector(view), below)
     return jnp.broadcast_to(material.color(lights, place), (3, *place.shape))

@@ -22,7 +22,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.microfacet import boundary_reflectance
+from brdfcheck.brdf.transmission import AbstractSmooth, SmoothDielectric
 from brdfcheck.geometry import reflected, refracted
 from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
@@ -44,7 +44,8 @@ class AbstractBody(eqx.Module):
 
     The rest, 1 - mirror - transparency, is shaded with the material. Of the transparent share the exact Fresnel reflectance
     goes to the mirror image and what remains through the boundary, into the index of refraction `index` on the inner side
-    (below a plane) from 1 on the outer. None: the body does not have it; without a material the rest is black.
+    (below a plane) from 1 on the outer. None: the body does not have it; without a material the rest is black. A material's
+    own `glass` is followed in the same way. The lower side of a BSDF is the inner one.
     """
 
     material: eqx.AbstractVar[AbstractMaterial | None]
@@ -69,6 +70,20 @@ class AbstractBody(eqx.Module):
         """True where the ray goes straight on through the material, equation (8), and its far side is not seen."""
         return isinstance(self.material, Translucent)
 
+    @property
+    def own(self) -> Array:
+        """The share of the light that the material has, shape (3,)."""
+        parts = (part for part in (self.mirror, self.transparency) if part is not None)
+        return jnp.ones_like(self.anywhere()) - sum(parts)
+
+    @property
+    def glass(self) -> tuple[Array, AbstractSmooth] | None:
+        """The share, RGB, of the light that meets a smooth surface which reflects and refracts it, and that surface."""
+        if self.transparency is not None:
+            return self.transparency, SmoothDielectric(self.index)
+        glass = None if self.material is None else self.material.glass
+        return glass and (self.own * glass[0], glass[1])
+
 
 def _shares(mirror: Any, transparency: Any, index: Any, material: Any) -> tuple[Array | None, Array | None, Array | None]:
     if not (material is None or isinstance(material, AbstractMaterial)):
@@ -81,6 +96,8 @@ def _shares(mirror: Any, transparency: Any, index: Any, material: Any) -> tuple[
             raise ValueError(f"mirror and transparency must add up to at most 1; got {mirror} and {transparency}")
     if transparency is not None and isinstance(material, Translucent):
         raise ValueError("a Translucent material lets light through by its own equation; leave transparency out")
+    if transparency is not None and material is not None and material.glass is not None:
+        raise ValueError("the material has a smooth term that light goes through; leave transparency out")
     return parts[0], parts[1], None if transparency is None else scalar(index, "index", above=True)
 
 
@@ -219,8 +236,13 @@ def _lit(bodies: Sequence[AbstractBody], light: AbstractLight, point: Field, k: 
     reach = jnp.inf if position is None else jnp.sqrt(jnp.sum((position[:, None] - point) ** 2, axis=0))
     share = jnp.ones_like(point[0])
     for j, body in enumerate(bodies):
-        blocked = body.distance(point, direction, jnp.full(point[0].shape, j == k)) < reach
-        passing = 0.0 if body.transparency is None else jnp.mean(body.transparency)
+        distance = body.distance(point, direction, jnp.full(point[0].shape, j == k))
+        blocked = distance < reach
+        passing: Any = 0.0 if body.transparency is None else jnp.mean(body.transparency)
+        if body.material is not None and body.material.glass is not None and body.glass is not None:
+            share_of, surface = body.glass
+            met = jnp.sum(body.normal(point + jnp.where(blocked, distance, 0) * direction) * direction, axis=0)
+            passing = jnp.mean(share_of) * surface.weights(jnp.clip(jnp.abs(met), 0, 1), met > 0)[1]
         if isinstance(body.material, Translucent):
             passing = 1 - body.material.t_h
         share = share * jnp.where(blocked, passing, 1)
@@ -229,8 +251,8 @@ def _lit(bodies: Sequence[AbstractBody], light: AbstractLight, point: Field, k: 
 
 def _branches(bodies: Sequence[AbstractBody]) -> tuple[bool, bool]:
     """Whether a body of the scene sends rays to mirror images, and whether one sends them through."""
-    through = any(body.seen_through or body.transparency is not None for body in bodies)
-    return any(body.mirror is not None or body.transparency is not None for body in bodies), through
+    through = any(body.seen_through or body.glass is not None for body in bodies)
+    return any(body.mirror is not None or body.glass is not None for body in bodies), through
 
 
 def _meet(
@@ -250,16 +272,18 @@ def _meet(
         outward = jnp.where(here, body.normal(point), -ray.travel)
         inside = jnp.sum(outward * ray.travel, axis=0) > 0
         facing = jnp.where(inside, -outward, outward)
-        if body.material is not None:
-            own = 1 - sum((part[:, None] for part in (body.mirror, body.transparency) if part is not None), nothing)
+        matter, own, glass = body.material and body.material.matter, body.own[:, None], body.glass
+        if matter is not None:
             place = jnp.where(here, point, body.anywhere()[:, None])
 
-            def shaded(body: Any = body, k: int = k, place: Field = place, facing: Field = facing) -> tuple[Field, Field]:
+            def shaded(
+                matter: Any = matter, k: int = k, place: Field = place, facing: Field = facing, inside: Array = inside
+            ) -> tuple[Field, Field]:
                 arriving = [_lit(bodies, light, place, k) for light in lights] if shadows else lights
-                if not isinstance(body.material, Translucent):
-                    return shade(body.material, arriving, place, facing, -ray.travel), nothing
+                if not isinstance(matter, Translucent):
+                    return shade(matter, arriving, place, facing, -ray.travel, inside), nothing
                 # Equation (8) is linear in what lies behind: its value over black, and what white behind adds to it.
-                over = [shade(body.material.over(behind), arriving, place, facing, -ray.travel) for behind in (0.0, 1.0)]
+                over = [shade(matter.over(behind), arriving, place, facing, -ray.travel) for behind in (0.0, 1.0)]
                 return over[0], over[1] - over[0]
 
             value, behind = jax.lax.cond(jnp.any(here), shaded, lambda: (nothing, nothing))
@@ -267,17 +291,16 @@ def _meet(
             if body.seen_through:
                 through = through._replace(weight=jnp.where(here, ray.weight * own * behind, through.weight))
         share = nothing if body.mirror is None else nothing + body.mirror[:, None]
-        if body.transparency is not None and body.index is not None:
-            ratio = jnp.where(inside, body.index, 1 / body.index)
-            reflectance = boundary_reflectance(-jnp.sum(facing * ray.travel, axis=0), 1 / ratio)
-            onward, passes = refracted(ray.travel, facing, ratio, axis=0)
-            glass = body.transparency[:, None]
-            share = share + glass * reflectance
-            passed = ray.weight * glass * jnp.where(passes, 1 - reflectance, 0)
+        if glass is not None:
+            tint, surface = glass[0][:, None], glass[1]
+            reflectance, passing = surface.weights(-jnp.sum(facing * ray.travel, axis=0), inside)
+            onward, passes = refracted(ray.travel, facing, jnp.where(inside, surface.eta, 1 / surface.eta), axis=0)
+            share = share + tint * reflectance
+            passed = ray.weight * tint * jnp.where(passes, passing, 0)
             through = through._replace(
                 travel=jnp.where(here, onward, through.travel), weight=jnp.where(here, passed, through.weight)
             )
-        if body.mirror is not None or body.transparency is not None:
+        if body.mirror is not None or glass is not None:
             mirrored = mirrored._replace(
                 travel=jnp.where(here, reflected(ray.travel, facing, axis=0), mirrored.travel),
                 weight=jnp.where(here, ray.weight * share, mirrored.weight),

@@ -40,7 +40,7 @@ class Evidence:
 def _reciprocal(evidence: Evidence) -> Check:
     side = evidence.side
     ours, theirs = "f(wi, wo)", "f(wo, wi)"
-    if evidence.albedo.family.sides is not None:
+    if evidence.albedo.family.surface is not None:
         ours, theirs = "f(wi, wo) / eta_o^2", "f(wo, wi) / eta_i^2"
     words = f"reciprocal: {ours} and {theirs} differ by {side.reciprocity:.2g} of the larger"
     words = words if side.reciprocal else f"not {words}"
@@ -116,7 +116,7 @@ def _weight(evidence: Evidence) -> Check | None:
 def _sides(evidence: Evidence) -> Check | None:
     """What is reflected and transmitted of light from either side: told, not judged, for the albedo holds it."""
     albedo, brdf = evidence.albedo, sampling.sampler_of(evidence.albedo, evidence.parameters)
-    if albedo.family.sides is not None:
+    if albedo.family.surface is not None:
         found, passing = sampling.shares(albedo, evidence.parameters, evidence.cos_theta, evidence.azimuth), "T"
     elif brdf is not None and brdf.transmits:
         found, passing = sampling.sides(albedo, evidence.parameters, evidence.cos_theta), "(eta_t/eta_i)^2 T"

@@ -83,10 +83,11 @@ def shares(
     family, found = albedo.family, []
     for below in sides_of(family):
         numbers = {**parameters, BELOW: below} if BELOW in family.ranges else dict(parameters)
-        assert family.sides is not None
+        assert family.surface is not None
+        surface = family.surface(**numbers)
         parts = (
-            integrated(part, max(cosine, _NEAR_GRAZING), azimuth=azimuth, rtol=_SHARES).value
-            for part in family.sides(**numbers)
+            integrated(surface.lit(below, part), max(cosine, _NEAR_GRAZING), azimuth=azimuth, rtol=_SHARES).value
+            for part in ("reflected", "transmitted")
         )
         reflected, passing = (np.atleast_1d(np.asarray(part)) for part in parts)
         channel = int(np.argmax(reflected + passing))

@@ -117,7 +117,7 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     bars (see `brdfcheck.quadrature.samples`); towards grazing its samples are too far apart for a bar to mean anything.
     """
     wi, wo = direction_pairs()
-    folded = albedo.family.sides is not None
+    folded = albedo.family.surface is not None
     if folded:  # on one side, through the surface, on the other side
         light, view = below_surface(wi), below_surface(wo)
         wi, wo = np.concatenate([wi, wi, light]), np.concatenate([wo, view, view])

@@ -125,7 +125,7 @@ class _Search:
 
     def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, watch: Watch):
         self.bounded = albedo.bounded and threshold >= 1
-        self.costly = albedo.family.sides is not None
+        self.costly = albedo.family.surface is not None
         # Where the verdict is a theorem's, only the value is left to look for.
         self.threshold, self.scale = threshold, _SCALE[affordable(effort, albedo)]
         if self.bounded:
@@ -341,7 +341,7 @@ class _Search:
     def answer(self, settled: bool) -> Supremum:
         """`settled`: the last scan found nothing higher."""
         surface, winners = self.surface, self.winners
-        never_above = NEVER_ABOVE_ONE if surface.albedo.family.sides is None else NEVER_ABOVE_ONE_IN_ALL
+        never_above = NEVER_ABOVE_ONE if surface.albedo.family.surface is None else NEVER_ABOVE_ONE_IN_ALL
         common = {
             "basis": "theorem" if surface.theorem or self.bounded else "search",
             "theorem": NORMAL_IS_WORST if surface.theorem else never_above if self.bounded else None,

@@ -22,7 +22,7 @@ _DARK = 1 / 255
 def distinct() -> list[str]:
     """The catalogue's entries with a lobe of their own: of those that differ by their factor only, the first."""
     found: dict[Any, str] = {}
-    for entry in (entry for entry in catalog.entries() if entry.family.sides is None):
+    for entry in (entry for entry in catalog.entries() if entry.family.surface is None):
         values = {name: (low + high) / 2 for name, (low, high) in entry.family.ranges.items()}
         core = entry.family.build(**values).core
         if getattr(core, "convention", "") != "published":  # Cook-Torrance as printed is four times the other

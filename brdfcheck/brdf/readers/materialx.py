@@ -362,10 +362,20 @@ def _read(path: str) -> Any:
 
 
 def _chosen(document: Any, asked: str | None, path: str) -> Any:
-    """The surface that is meant: it, or a material with one; the only one where none is asked for. UsageError."""
-    found = {node.getName(): node for node in document.getNodes() if node.getType() == _SURFACE}
+    """The surface that is meant: it, or a material or node graph with one; the only one where none is asked for. UsageError.
+
+    A graph that implements a node has no surface of its own.
+    """
+    own = (item for item in document.getChildren() if isinstance(item, mx.NodeGraph))  # the library has more
+    graphs = [graph for graph in own if not graph.getNodeDefString()]
+    inner = [node for graph in graphs for node in graph.getNodes()]
+    found = {node.getName(): node for node in (*inner, *document.getNodes()) if node.getType() == _SURFACE}
     materials = {node.getName(): mx.getShaderNodes(node, _SURFACE) for node in document.getMaterialNodes()}
-    known = {**{name: nodes[0] for name, nodes in materials.items() if nodes}, **found}
+    outputs = {
+        graph.getName(): [item.getConnectedNode() for item in graph.getOutputs() if item.getType() == _SURFACE]
+        for graph in graphs
+    }
+    known = {**{name: nodes[0] for name, nodes in (materials | outputs).items() if any(nodes)}, **found}
     offers, shown = one_line(", ".join(sorted(known)) or "none"), one_line(path)
     if asked is not None:
         if asked not in known:

@@ -16,6 +16,7 @@ from brdfcheck.brdf.readers.glsl.errors import did_you_mean, mistake
 from brdfcheck.brdf.readers.glsl.kinds import (
     Array,
     Matrix,
+    Opaque,
     Scalar,
     Struct,
     Type,
@@ -41,6 +42,7 @@ class Accesses(Context):
     constants: dict[int, Any]
     used: set[int]
     caller: Routine | None
+    routines: dict[str, list[Routine]]
 
     @abc.abstractmethod
     def combined(self, operator: str, left: Typed, right: Typed, at: int) -> Typed:
@@ -54,6 +56,8 @@ class Accesses(Context):
 
     def _index(self, node: syntax.Index) -> Typed:
         base, index = self.value(node.base), self.value(node.index)
+        if isinstance(base.type, Opaque):  # one of several
+            return base
         if kind_of(index.type) not in ("int", "uint") or not isinstance(index.type, Scalar):
             if not (self.dialect.spread and isinstance(index.type, Scalar) and numeric(index.type)):
                 raise self.mistake(node.index.at, f"an index must be int or uint; got {index.type}")
@@ -141,6 +145,13 @@ class Accesses(Context):
 
     def _method(self, node: syntax.Method) -> Typed:
         base = self.value(node.base)
+        method = f"{base.type}.{node.name}"
+        if isinstance(base.type, Struct) and method in self.routines:
+            return self.call(syntax.Call(node.at, method, [node.base, *node.arguments]))
+        if isinstance(base.type, Opaque):
+            raise self.mistake(
+                node.at, f"{node.name}() cannot be evaluated: a BRDF may depend only on directions and parameters"
+            )
         size = base.type.size if isinstance(base.type, (Array, Vector)) else None
         size = base.type.columns if isinstance(base.type, Matrix) else size
         if node.name != "length" or node.arguments or size is None:

@@ -20,9 +20,8 @@ from brdfcheck.brdf.readers.glsl.scopes import Routine, Typed
 
 
 class Calls(Constructors):
-    """Compiles calls. `routines`: the functions of the file by name; `calls`: who calls whom, and where."""
+    """Compiles calls. `calls`: who calls whom, and where."""
 
-    routines: dict[str, list[Routine]]
     calls: dict[int, list[tuple[Routine, int]]]
 
     def call(self, node: syntax.Call) -> Typed:
@@ -34,6 +33,9 @@ class Calls(Constructors):
         for argument, part in zip(arguments, node.arguments, strict=True):
             if argument.type == Scalar("void"):
                 raise self.mistake(part.at, "this function returns nothing")
+        this = self.names.find("this")
+        if this is not None and (method := f"{this.type}.{node.name}") in self.routines:
+            return self.call(syntax.Call(node.at, method, [syntax.Name(node.at, "this"), *node.arguments]))
         name = node.name
         own = self.routines.get(name, [])
         routine = self._best(name, [(item, item.types, item.ways) for item in own], arguments, node, quiet=True)

@@ -51,7 +51,9 @@ class Context(abc.ABC):
                 raise self.mistake(written.at, f"there is no type {written.name!r}{did_you_mean(written.name, NAMED)}")
         every: list[syntax.Node | None] = [*(sizes or []), *written.sizes]
         for size in reversed(every):
-            if kind == VOID or isinstance(kind, Opaque):
+            if isinstance(kind, Opaque):  # what has no value has no elements
+                continue
+            if kind == VOID:
                 raise self.mistake(written.at, f"there are no arrays of {kind}")
             kind = Array(kind, None if size is None else self._size(size))
             if kind.leaves > MOST_LEAVES:

@@ -31,6 +31,11 @@ def _shapes() -> dict[str, str]:
                 # A matrix is kept by rows: row r of HLSL is column r of GLSL.
                 found[f"{base}{rows}x{columns}"] = f"mat{rows}x{columns}"
     found |= dict.fromkeys(("half", "double", "real", "float1", "half1", "double1", "real1", "min16float"), "float")
+    # Like samplers they may be declared and passed on, and have no values.
+    shapes = ("1D", "2D", "3D", "Cube", "1DArray", "2DArray", "CubeArray", "2DMS", "2DMSArray")
+    resources = [f"{way}Texture{shape}" for way in ("", "RW") for shape in shapes]
+    resources += [f"{way}{kind}Buffer" for way in ("", "RW") for kind in ("", "Structured", "ByteAddress")]
+    found |= dict.fromkeys((*resources, "SamplerState", "SamplerComparisonState", "sampler"), "sampler2D")
     return found | {"int1": "int", "uint1": "uint", "bool1": "bool", "dword": "uint"}
 
 

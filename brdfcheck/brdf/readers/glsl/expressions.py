@@ -17,6 +17,7 @@ from brdfcheck.brdf.readers.glsl.kinds import (
     KINDS,
     Matrix,
     Scalar,
+    Struct,
     Type,
     Vector,
     conversion,
@@ -72,7 +73,11 @@ class Expressions(Accesses):
         return Typed(Scalar(node.kind), literal(kind(node.value) if node.kind in ("float", "bool") else kind(int(node.value))))
 
     def _name(self, node: syntax.Name) -> Typed:
-        variable = self.names.find(node.name)
+        variable, this = self.names.find(node.name), self.names.find("this")
+        fields = dict(this.type.fields) if this is not None and isinstance(this.type, Struct) else {}
+        # In a method, after what is its own and before what is the file's.
+        if node.name in fields and variable is self.names.variables[0].get(node.name):
+            return self._member(syntax.Member(node.at, syntax.Name(node.at, "this"), node.name))
         horizon = None if self.caller is None or self.dialect.spread else self.caller.horizon
         late = horizon is not None and variable is self.names.variables[0].get(node.name)
         if variable is None or (late and variable.slot > (horizon or 0)):

@@ -69,6 +69,7 @@ class Expressions:
     def __init__(self, source: Source, dialect: Dialect):
         self.source, self.dialect = source, dialect
         self.types = set(BUILTIN_TYPES) | set(dialect.types)
+        self.aliases = dict(dialect.types)
         self._tokens = tokens(source)
         self._next = 0
         self._depth = 0
@@ -139,7 +140,15 @@ class Expressions:
         if not self.is_type():
             raise self.mistake(f"expected a type before {self.now.shown}")
         token = self.take()
-        return syntax.TypeName(token.at, self.dialect.types.get(token.text, token.text), self.sizes())
+        if self.dialect.spread and self.accept("<"):  # Texture2D<float4>
+            self.skip_to(">")
+        return syntax.TypeName(token.at, self.aliases.get(token.text, token.text), self.sizes())
+
+    def skip_to(self, word: str) -> None:
+        """Leave out everything up to this token, and it."""
+        while not self.accept(word):
+            if self.take().kind == "end":
+                raise self.mistake(f"expected {word!r} before the end of the file")
 
     def sizes(self) -> list[syntax.Node | None]:
         """``[3][]`` and so on."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.lexer import Token
@@ -15,6 +17,7 @@ _FOREIGN = frozenset(
     )
 )
 """Words that only HLSL and Slang use: elsewhere they may be names."""
+_SKIPPED = ("import", "__exported", "__include", "module", "implementing", "using")
 _QUALIFIERS = _FOREIGN | frozenset(
     (
         *("const", "uniform", "in", "out", "inout", "attribute", "varying", "centroid", "flat", "smooth", "noperspective"),
@@ -45,6 +48,8 @@ class _Parser(Expressions):
             if self.accept("cbuffer"):
                 self._buffer(parts)
                 return
+            if self._of_slang():
+                return
         if self._precision():
             return
         qualifiers = self._qualifiers()
@@ -57,7 +62,8 @@ class _Parser(Expressions):
             self._struct(parts)
             if self.accept(";"):
                 return
-            kind = syntax.TypeName(parts[-1].at, getattr(parts[-1], "name", ""), [])
+            made = next(part for part in reversed(parts) if isinstance(part, syntax.StructDef))
+            kind = syntax.TypeName(made.at, made.name, [])
         else:
             kind = self._declared_type()
         name = self.name("a name")
@@ -65,6 +71,35 @@ class _Parser(Expressions):
             parts.append(self._function(kind, name))
         else:
             parts.append(self._variables(qualifiers, kind, name))
+
+    def _of_slang(self) -> bool:
+        """What names other files, other names of types, and interfaces, which say nothing that is not said again."""
+        if self.is_next(*_SKIPPED) and self.ahead(1).kind == "name":
+            self.skip_to(";")
+        elif self.is_next("interface") and self.ahead(1).kind == "name":
+            self.skip_to("{")
+            depth = 1
+            while depth and self.now.kind != "end":
+                depth += {"{": 1, "}": -1}.get(self.take().text, 0)
+        elif self.is_next("typedef") and self.ahead(1).kind == "name":
+            self.take()
+            kind, name = self._declared_type(), self.name("a name")
+            self._alias(name, kind)
+        elif self.is_next("typealias") and self.ahead(2).text == "=":
+            self.take()
+            name = self.name("a name")
+            self.expect("=")
+            self._alias(name, self._declared_type())
+        else:
+            return False
+        return True
+
+    def _alias(self, name: Token, kind: syntax.TypeName) -> None:
+        if kind.sizes:
+            raise self.mistake("another name for an array has no meaning here", name.at)
+        self.types.add(name.text)
+        self.aliases[name.text] = kind.name
+        self.expect(";")
 
     def _declared_type(self) -> syntax.TypeName:
         if self.now.kind == "name" and not self.is_type() and self.ahead(1).kind == "name":
@@ -110,16 +145,32 @@ class _Parser(Expressions):
         at = self.expect("struct").at
         name = Token("name", f"struct at {at}", at) if self.is_next("{") else self.name("the name of the struct")
         fields: list[syntax.Declaration] = []
+        methods: list[syntax.Function] = []
+        if self.dialect.spread and self.accept(":"):  # the interfaces that it has
+            while not self.is_next("{"):
+                self.take()
         self.expect("{")
         while not self.is_next("}"):
-            self._qualifiers()
-            kind = self._declared_type()
-            fields.append(self._variables([], kind, self.name("a field")))
+            changes = self.is_next("[") and self.ahead(1).text == "mutating"
+            if self.dialect.spread:
+                self._attributes()
+            static = "static" in (qualifiers := self._qualifiers())
+            kind, field = self._declared_type(), self.name("a field")
+            if self.dialect.spread and self.is_next("("):
+                method = self._function(kind, field._replace(text=f"{name.text}.{field.text}"))
+                own = syntax.Parameter(name.at, "inout" if changes else "in", syntax.TypeName(name.at, name.text, []), "this")
+                own.constant = not changes
+                methods.append(method if static else dataclasses.replace(method, parameters=[own, *method.parameters]))
+            elif static:
+                parts.append(self._variables(qualifiers, kind, field))
+            else:
+                fields.append(self._variables([], kind, field))
         self.expect("}")
         if not fields:
             raise self.mistake(f"the struct {name.text!r} has no fields", name.at)
         self.types.add(name.text)
         parts.append(syntax.StructDef(name.at, name.text, fields))
+        parts += methods
 
     def _buffer(self, parts: list[syntax.Node]) -> None:
         """``cbuffer Name : register(b0) { float roughness; };``: its members are uniforms."""
@@ -230,6 +281,8 @@ class _Parser(Expressions):
             found.append(self._block())
         elif self.is_next("struct"):
             self._struct(found)
+            if isinstance(found[-1], syntax.Function):
+                raise self.mistake("a struct within a function has no methods here", found[-1].at)
             if not self.accept(";"):
                 name = getattr(found[-1], "name", "")
                 found.append(self._variables([], syntax.TypeName(token.at, name, []), self.name("a name")))
@@ -253,6 +306,8 @@ class _Parser(Expressions):
         """True where a declaration comes next: a qualifier, or a type and a name."""
         if self.now.kind != "name":
             return False
+        if self._deduces():
+            return True
         if self.now.text in _QUALIFIERS and self.now.text not in ("in", "out", "inout"):
             return self.ahead(1).kind == "name"
         if not self.is_type():
@@ -266,7 +321,15 @@ class _Parser(Expressions):
             count += 1
         return self.ahead(count).kind == "name"
 
+    def _deduces(self) -> bool:
+        """``let x = 1;`` and ``var x : float = 1;`` of Slang."""
+        return self.dialect.spread and self.is_next("let", "var") and self.ahead(2).text in ("=", ":")
+
     def _declaration(self) -> syntax.Declaration:
+        if self._deduces():
+            at, name = self.take().at, self.name("a name")
+            kind = self.type_name() if self.accept(":") else syntax.TypeName(at, syntax.DEDUCED, [])
+            return self._variables([], kind, name)
         qualifiers = self._qualifiers()
         kind = self._declared_type()
         return self._variables(qualifiers, kind, self.name("a name"))

@@ -207,5 +207,5 @@ class Program(Statements):
     def definitions(self, name: str | None = None) -> Iterable[Routine]:
         """The functions that are defined, in the order of the file; those of one name."""
         for key, forms in self.routines.items():
-            if name is None or key == name:
+            if name is None or name in (key, key.rpartition(".")[2]):  # a method, perhaps without its struct
                 yield from (form for form in forms if form.body is not None)

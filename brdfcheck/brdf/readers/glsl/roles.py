@@ -31,7 +31,8 @@ _ROLE_OF = {name: role for role, names in _NAMES.items() for name in names.split
 def role_of(parameter: syntax.Parameter) -> str | None:
     """What a direction is by its name; None where that does not tell."""
     name = parameter.name
-    plain = re.sub(r"[^a-z]", "", name.lower())
+    # Which space it is in: "normalWS".
+    plain = re.sub(r"[^a-z]", "", re.sub(r"_?[WVOT]S$", "", name).lower())
     for prefix in ("", "u", "in", "v", "world", "vec"):
         if plain.startswith(prefix) and plain[len(prefix) :] in _ROLE_OF:
             return _ROLE_OF[plain[len(prefix) :]]

@@ -136,7 +136,10 @@ class Statements(Calls):
         return run
 
     def _declared(self, node: syntax.Declaration, variable: syntax.Declarator) -> Run:
-        kind = self.type_of(node.type, variable.sizes)
+        if node.type.name == syntax.DEDUCED and variable.value is not None:
+            kind = self.value(variable.value).type
+        else:
+            kind = self.type_of(node.type, variable.sizes)
         if kind == VOID:
             raise self.mistake(variable.at, f"the variable {variable.name!r} cannot be void")
         constant = "const" in node.qualifiers

@@ -78,6 +78,10 @@ class Comma(Node):
     parts: list[Node]
 
 
+DEDUCED = "let"
+"""The type of a variable that has the type of its first value."""
+
+
 @dataclass(slots=True)
 class TypeName(Node):
     """A type as it is written; `sizes`: its own array sizes, outermost first, None for ``[]``."""

@@ -152,7 +152,7 @@ class PlugInBRDF:
     def __init__(self, plugin: PlugIn, values: Mapping[str, Any], channels: int, *, below: bool = False, whole: bool = True):
         self.plugin, self._values, self._channels = plugin, dict(values), channels
         self._side, self._whole = (_SIDES if below else np.ones(3)), whole
-        self.transmits = plugin.transmits
+        self.transmits, self.mirrors = plugin.transmits, plugin.deltas
 
     def __call__(self, wi: Any, wo: Any) -> np.ndarray:
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))

@@ -39,8 +39,8 @@ class PlugInFile(AbstractFile):
 
     def __init__(self, words: str):
         self._source = find(words)
-        self.path, self.line = self._source.file or self._source.spec, None
-        self.files = () if self._source.file is None else (self._source.file,)
+        self.files = self._source.files
+        self.path, self.line = self.files[0] if self.files else self._source.spec, None
         self._knobs, self._keys = self._seen(self._loaded({}))
 
     @property
@@ -66,7 +66,7 @@ class PlugInFile(AbstractFile):
     def _loaded(self, more: Mapping[str, Any]) -> PlugIn:
         """The plug-in with colours in place of the greys that nobody gave."""
         plain = PlugIn(self._source.load(more))
-        if self._source.file is not None:
+        if self.files:
             return plain
         colours = {}
         for key in plain.knobs.keys():  # noqa: SIM118 (Mitsuba's parameters are no dictionary)

@@ -17,8 +17,9 @@ from brdfcheck.messages import UsageError, one_line
 # What Mitsuba puts before its messages: the place in its own source.
 _OWN_SOURCE = re.compile(r"\[\w+\.(?:cpp|h):\d+\]\s*")
 _NAME = re.compile(r"[A-Za-z][\w-]*")
-# How deep elements may refer to others.
-_DEEPEST = 32
+# How deep elements may refer to others, and how many files a scene may include.
+_DEEPEST, _MOST_FILES = 32, 100
+_PARAMETER = re.compile(r"\$\w+")
 _METALS = ("conductor", "roughconductor")
 
 
@@ -26,13 +27,13 @@ _METALS = ("conductor", "roughconductor")
 class Source:
     """A plug-in that can be loaded, perhaps several times. `spec`: its full name; `load`: with these properties besides.
 
-    `file`: where it is defined, None where that is no file; `line` there.
+    `files`: the scene and what it includes, empty where it is none.
     """
 
     spec: str
     name: str
     load: Callable[[Mapping[str, Any]], Any]
-    file: str | None = None
+    files: tuple[str, ...] = ()
 
 
 def find(words: str) -> Source:
@@ -95,42 +96,91 @@ def _property(value: Any) -> Any:
     return value
 
 
+@dataclass
+class _Scene:
+    """A scene file as it is read, from top to bottom: like Mitsuba, what is said below has no effect above."""
+
+    files: list[str]
+    parameters: dict[str, str]
+    named: dict[str, Any]
+
+    def read(self, path: str) -> Any:
+        """The root of a file, its parameters in place, its includes put in. UsageError."""
+        self.files.append(path)
+        if len(self.files) > _MOST_FILES:
+            raise UsageError(f"{one_line(self.files[0])}: it includes itself, or more than {_MOST_FILES} files")
+        try:
+            root = ElementTree.parse(path).getroot()
+        except ElementTree.ParseError as error:
+            raise UsageError(f"{one_line(path)}: this is not XML: {one_line(error)}") from None
+        except (OSError, ValueError, LookupError) as error:
+            reason = getattr(error, "strerror", None) or one_line(error)
+            raise UsageError(f"cannot read {one_line(path)!r}: {reason}") from None
+        return self._filled_in(root, path)
+
+    def _filled_in(self, element: Any, path: str) -> Any:
+        for key, text in element.attrib.items():
+            for name in sorted(self.parameters, key=len, reverse=True) if "$" in text else ():
+                text = text.replace(f"${name}", self.parameters[name])
+            element.set(key, text)
+        name = element.get("id", "")
+        if element.tag == "default":
+            self.parameters.setdefault(element.get("name", ""), element.get("value", ""))
+        elif element.tag == "alias":
+            if name not in self.named:
+                raise UsageError(f"{one_line(path)}: there is nothing with the id {one_line(name)!r} above its <alias>")
+            self.named[element.get("as", "")] = self.named[name]
+        elif name and element.tag != "ref":
+            self.named[name] = element
+        parts: list[Any] = []
+        for part in element:
+            self._filled_in(part, path)
+            parts += self.read(self._found(part.get("filename", ""), path)) if part.tag == "include" else [part]
+        element[:] = parts
+        return element
+
+    def _found(self, name: str, path: str) -> str:
+        """An included file, looked for beside the file that includes it, and beside the scene."""
+        places = [os.path.join(os.path.dirname(place), name) for place in (path, self.files[0])]
+        return next((place for place in places if os.path.exists(place)), places[0])
+
+
 def _of_file(path: str, identity: str | None) -> Source:
-    try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise UsageError(f"{one_line(path)}: this is not XML: {one_line(error)}") from None
-    except (OSError, ValueError, LookupError) as error:
-        reason = getattr(error, "strerror", None) or one_line(error)
-        raise UsageError(f"cannot read {one_line(path)!r}: {reason}") from None
-    named = {element.get("id", ""): element for element in root.iter() if element.get("id") and element.tag != "ref"}
+    scene = _Scene([], {}, {})
+    root, named = scene.read(path), scene.named
     materials = {name: element for name, element in named.items() if element.tag == "bsdf"}
     if identity is not None:
         element = materials.get(identity)
     else:
-        element = root if root.tag == "bsdf" else next(iter(materials.values())) if len(materials) == 1 else None
+        one = len(set(map(id, materials.values()))) == 1  # whatever its aliases
+        element = root if root.tag == "bsdf" else next(iter(materials.values())) if one else None
     if element is None:
         choices = f"it has {', '.join(map(one_line, materials))}" if materials else "it has no <bsdf> with an id"
         what = "say which <bsdf> is meant, as in FILE.xml#ID" if identity is None else f"there is no <bsdf id={identity!r}>"
         raise UsageError(f"{one_line(path)}: {one_line(what)}; {choices}")
-    spec = f"mitsuba:{path}" + (f"#{element.get('id')}" if element.get("id") else "")
+    identity = identity or element.get("id")
+    spec = f"mitsuba:{path}" + (f"#{identity}" if identity else "")
     whole = _resolved(element, named, path, 0)
     whole.set("version", root.get("version", "3.0.0"))
+    for part in whole.iter():
+        if unknown := next((found[0] for text in part.attrib.values() if (found := _PARAMETER.search(text))), None):
+            raise UsageError(
+                f'{one_line(spec)}: {unknown} has no value: write <default name="{unknown[1:]}" value="..."/> above'
+            )
     text = ElementTree.tostring(whole, encoding="unicode")
-    for default in root.iter("default"):
-        text = text.replace(f"${default.get('name')}", default.get("value", ""))
-    folder = os.path.dirname(os.path.abspath(path))
+    folders = list(dict.fromkeys(os.path.dirname(os.path.abspath(file)) for file in scene.files))
 
     def load(more: Mapping[str, Any]) -> Any:
         del more  # what a file says holds
 
         def of_text(mitsuba: Any) -> Any:
-            mitsuba.file_resolver().append(folder)
+            for folder in folders:
+                mitsuba.file_resolver().append(folder)
             return mitsuba.load_string(text)
 
         return _bsdf(of_text, spec)
 
-    return Source(spec, element.get("type", Path(path).stem), load, path)
+    return Source(spec, element.get("type", Path(path).stem), load, tuple(scene.files))
 
 
 def _resolved(element: Any, named: Mapping[str, Any], path: str, depth: int) -> Any:
