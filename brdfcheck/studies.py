@@ -222,10 +222,3 @@ def make(path: str | Path, size: str, reports: str | Path) -> Path:
     use_compilation_cache()
     study = _described(Path(path))
     return write_report(study, record_of(study, size), Path(reports))
-
-
-def main(path: str) -> None:
-    """What a study's file does as a program: ``python studies/NAME.py [small|full]`` writes reports/NAME/ and the gallery."""
-    place = make(path, sys.argv[1] if len(sys.argv) > 1 else "full", "reports")
-    write_gallery(place.parent)
-    print(f"wrote {place}")

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """What does a proof cost, the closer the factor is to the best one?
 
-Command: ``brdfcheck study certificates`` (or ``python studies/certificates.py``). Under a minute, on one core.
+Command: ``brdfcheck study certificates``. Under a minute, on one core.
 
 Answer: a few boxes a decade. The 16th power about N takes 12 boxes at a slack of 1e-2, 38 at 1e-6 and 77 at 1e-12, 0.05 s; the
 other powers 42 to 81 at 1e-12, at most 0.2 s. Schlick's lobes touch 1 at the ends of the range alone: 8 or 9 boxes for
@@ -14,8 +13,13 @@ every BRDF of the catalogue too, the claims of the literature included, with wha
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any
+
+from brdfcheck import Factor, Normalized, NotProved, catalog, certify, fit_factor, plots
+from brdfcheck.plots.styles import style_of
+from brdfcheck.studies import table
 
 LOBES = ("binomial-power-half", "blinn-phong-fitted", "schlick-mirror", "schlick-half", "lyon-1-half", "lyon-3-half",
          "binomial-power-mirror")  # fmt: skip
@@ -24,7 +28,6 @@ SLACKS = tuple(10.0**-k for k in range(2, 13))
 
 def run(size: str = "full") -> dict[str, Any]:
     """Boxes and seconds of a proof for each lobe and slack; the certificates of the catalogue."""
-    from brdfcheck import Factor, Normalized, NotProved, catalog, certify, fit_factor
 
     def proved(what: Any, **ranges: Any) -> tuple[Any, int | None, float]:
         """A certificate, or why there is none, with its boxes and the time on one core."""
@@ -62,17 +65,12 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
     """The certificates of the catalogue, each in a file of its own."""
-    import json
-
     entries = [entry for entry in record["summary"]["catalogue"] if entry["certificate"]]
     return {f"{entry['name']}.json": (json.dumps(entry["certificate"], indent=1) + "\n").encode() for entry in entries}
 
 
 def plot(record: dict[str, Any]) -> Any:
     """Boxes, and seconds, against the slack."""
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import style_of
-
     with plots.house_style():
         figure = plots.empty(8.2, 3.8)
         panels = figure.subplots(1, 2, sharex=True)
@@ -98,8 +96,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """Boxes lobe by lobe; what is proved of the catalogue."""
-    from brdfcheck.studies import table
-
     names = list(dict.fromkeys(row["name"] for row in record["results"]))
     cost = {(row["name"], row["slack"]): row for row in record["results"]}
     slacks = sorted({row["slack"] for row in record["results"]}, reverse=True)
@@ -121,9 +117,3 @@ def summary(record: dict[str, Any]) -> str:
         " `brdfcheck certify --verify`.\n\n"
         + table(("BRDF", "claim", "verdict", "statement proved", "boxes", "seconds"), found)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """When does an albedo above 1 at one angle make the light in a closed enclosure grow without end?
 
-Command: ``brdfcheck study divergence`` (or ``python studies/divergence.py``). Under two minutes on two cores.
+Command: ``brdfcheck study divergence``. Under two minutes on two cores.
 
 Answer: when the spectral radius of the wall's transport over all angles exceeds 1; one angle is not enough. The 16th power with
 (n+6)/24.55 at n = 17.85 returns 1.0016 of a beam along the normal, Blinn-Phong with (n+8)/8pi 1.0752, but their radii are 0.707
@@ -19,7 +18,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
+import numpy as np
+from matplotlib.lines import Line2D
+
+from _instruments import transport as measure
+from brdfcheck import catalog, plots, transport
 from brdfcheck.output import records
+from brdfcheck.plots import paper
+from brdfcheck.plots.styles import ink, style_of
+from brdfcheck.studies import table
 
 # (published, validated, exponent of the largest albedo)
 EXHIBITS = (("binomial-power-published", "binomial-power-half", 17.85), ("blinn-phong-8", "blinn-phong-fitted", 8.76))
@@ -31,12 +39,6 @@ BEAM = 12  # bounces of the first panel
 
 def run(size: str = "full") -> dict[str, Any]:
     """Energy after bounces of two published factors and their validated ones; the spectral radius of all claims."""
-    import jax
-    import numpy as np
-
-    from _instruments import transport as measure
-    from brdfcheck import catalog, transport
-
     full = size == "full"
     paths, exponents = (2**18, EXPONENTS) if full else (2**12, EXPONENTS[::7])
     nodes = {} if full else {"nodes": 64, "azimuths": 128}
@@ -67,12 +69,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Energy of a beam; energy between otherwise loss-free walls; below, the radius against the exponent."""
-    from matplotlib.lines import Line2D
-
-    from brdfcheck import plots
-    from brdfcheck.plots import paper
-    from brdfcheck.plots.styles import ink, style_of
-
     published = {name for name, _, _ in EXHIBITS}
     with plots.house_style():
         figure = plots.empty(8.2, 8.0)
@@ -129,8 +125,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """Radii, growth, and what diverges."""
-    from brdfcheck.studies import table
-
     exhibits = [
         (f"`{r['name']}`", f"{r['n']:g}", f"{r['largest_albedo']:.5f}", f"{r['mean_albedo']:.4f}", f"{r['radii']['alone']:.6f}",
          *(f"{r['radii'][kind] - 1:.2e}" for kind in ("mirror", "diffuse")), *(f"{r['beam'][m]:.4f}" for m in (1, 2, BEAM)),
@@ -147,9 +141,3 @@ def summary(record: dict[str, Any]) -> str:
         "Lobes of published factors alone, over the exponents of the figure:\n\n"
         + table(("BRDF", "largest albedo", "smallest radius", "largest radius", "radius = 1 at n"), claims)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How much light does a closed box hold, which of four solvers gets there fastest, and what do more patches cost?
 
-Command: ``brdfcheck study enclosure`` (or ``python studies/enclosure.py``). Under two minutes on two cores.
+Command: ``brdfcheck study enclosure``. Under two minutes on two cores.
 
 Answer: the cube's glowing wall (rho = 0.7) sends out 1.2865 by one patch a wall and 1.3131 by 1,536 (paths: 1.3134 +- 0.0002).
 Conjugate gradients win at every accuracy: 13 digits for 1,024 patches in 2 ms, where the series takes 17 ms and shooting 1 s;
@@ -17,7 +16,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
+import numpy as np
+
+from _instruments import transport as measure
+from _instruments.transport import LABELS, SOLVERS
+from brdfcheck import plots, transport
 from brdfcheck.output import records
+from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
@@ -27,12 +33,6 @@ WALLS = {"glowing": "#D55E00", "opposite": "#0072B2", "sides": "#009E73"}
 
 def run(size: str = "full") -> dict[str, Any]:
     """Speed against accuracy, growth, and refinement (small: fewer patches and paths)."""
-    import jax
-    import numpy as np
-
-    from _instruments import transport as measure
-    from brdfcheck import transport
-
     full, key = size == "full", jax.random.key(2)
     many, few = (3, 8) if full else (1, 2)
     room = transport.box(HALF_CUBE, (16, 16, 8) if full else (4, 4, 2))
@@ -52,9 +52,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Error against seconds; seconds against patches; radiosity against patches."""
-    from _instruments.transport import LABELS, SOLVERS
-    from brdfcheck import plots
-
     told = record["summary"]
     with plots.house_style():
         figure = plots.empty(12.6, 4.4)
@@ -99,8 +96,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """Tables of all three, and the reflectances up to and beyond 1."""
-    from brdfcheck.studies import table
-
     told, best = record["summary"], {}
     for point in sorted(record["results"], key=lambda point: -point["error"]):
         best[point["method"]] = point
@@ -127,9 +122,3 @@ def summary(record: dict[str, Any]) -> str:
         + "\n\nOne patch a wall, up to and beyond ρ = 1:\n\n"
         + table(("ρ", "solver", *WALLS, "error", "status"), levels)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

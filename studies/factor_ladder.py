@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How much energy does a cheaper normalisation factor lose, lobe by lobe?
 
-Command: ``brdfcheck study factor_ladder`` (or ``python studies/factor_ladder.py``). Under a minute on two cores.
+Command: ``brdfcheck study factor_ladder``. Under a minute on two cores.
 
 Answer: two constants lose 6 % (Blinn-Phong) to 14 % (Lyon, w = 1), 33 to 40 % for Schlick's heavy tail and two thirds or more
 for Kuijk and Blake's; nothing for Phong, whose exact factor they are. Five more operations, a rational factor of degrees 2/1,
@@ -16,6 +15,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
+
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.fits.ladder import cost
+from brdfcheck.output.text import describe
+from brdfcheck.plots.styles import ink, style_of
+from brdfcheck.studies import table
+
 NAMES = (
     "phong", "blinn-phong", "schlick-mirror", "schlick-half", "kuijk-blake-mirror", "kuijk-blake-half",
     "lyon-1-mirror", "lyon-1-half", "lyon-2-mirror", "lyon-2-half", "lyon-3-mirror", "lyon-3-half",
@@ -28,12 +36,6 @@ FLOOR = 1e-7
 
 def run(size: str = "full") -> dict[str, Any]:
     """The ladders of all lobes that have an exponent, and what an exp costs in the same run."""
-    import jax.numpy as jnp
-
-    import brdfcheck
-    from brdfcheck.fits.ladder import cost
-    from brdfcheck.output.text import describe
-
     results = []
     for name in NAMES if size == "full" else NAMES[:2]:
         rungs = [
@@ -58,9 +60,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """One panel a lobe: operations to the right, lost light upwards, a letter for each form."""
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import ink, style_of
-
     results = record["results"]
     columns = min(len(results), 4)
     lines = -(-(len(results) + (len(results) > 4)) // columns)
@@ -106,8 +105,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The losses and the costs as tables."""
-    from brdfcheck.studies import table
-
     results = record["results"]
     forms = list(LETTERS)
 
@@ -132,9 +129,3 @@ def summary(record: dict[str, Any]) -> str:
         f"\n\n{losses}\n\nOperations / nanoseconds for one factor, float64, fused, over 10^6 exponents; an exp costs"
         f" {record['summary']['nanoseconds_of_an_exp']:.2f} ns in the same run:\n\n{costs}\n\nThe factors:\n\n{factors}"
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

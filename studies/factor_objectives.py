@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Which fit could the published factor (n+6)/24.55 have come from, and what do the usual fits do to energy?
 
-Command: ``brdfcheck study factor_objectives`` (or ``python studies/factor_objectives.py``). 10 s on two cores.
+Command: ``brdfcheck study factor_objectives``. 10 s on two cores.
 
 Answer: least squares of the albedo against 1 over the integers 1 to 1000 gives (n + 5.992)/23.781, which exceeds 1 by 3.4 %;
 enlarged until it conserves it is (n + 5.992)/24.581, next to the published (6, 24.55): rounding A up and B down is what breaks
@@ -17,6 +16,11 @@ import itertools
 import math
 from typing import Any
 
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.fits.factor import SAMPLINGS
+from brdfcheck.studies import table
+
 NAME = "binomial-power-raw"
 SEED = (6.0, 24.55)
 RANGES = ((1, 1000), (1, 100), (10, 1000))
@@ -24,9 +28,6 @@ RANGES = ((1, 1000), (1, 100), (10, 1000))
 
 def run(size: str = "full") -> dict[str, Any]:
     """All fits, with their distance to the published constants."""
-    import brdfcheck
-    from brdfcheck.fits.factor import SAMPLINGS
-
     ranges = RANGES if size == "full" else RANGES[1:2]
     samplings = SAMPLINGS if size == "full" else SAMPLINGS[:1]
     results = []
@@ -56,8 +57,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """The plane of A and B: each fit, its way to the certified factor, and the published constants."""
-    from brdfcheck import plots
-
     colors = {"least-squares": "#0072B2", "reciprocal": "#E69F00", "minimax": "#009E73"}
     markers = {"geometric": "o", "linear": "s", "integers": "^", "continuous": "D"}
     figure = plots.empty(7.2, 5.0)
@@ -98,8 +97,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """All fits as a table, and the nearest."""
-    from brdfcheck.studies import table
-
     rows = []
     for result in record["results"]:
         (a, b), (c, d) = result["fitted"], result["certified"]
@@ -126,9 +123,3 @@ def summary(record: dict[str, Any]) -> str:
         f"Nearest to the published (6, 24.55): {near['objective']}, {near['sampling']} sampling of n in [{near['n'][0]},"
         f" {near['n'][1]}], {stage}: ({a:.4f}, {b:.4f}), {near['distance'][stage]:.3f} away.\n\n{table(header, rows)}"
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """For which lobes is normal incidence not the worst angle?
 
-Command: ``brdfcheck study incidence`` (or ``python studies/incidence.py``). 20 s on two cores.
+Command: ``brdfcheck study incidence``. 20 s on two cores.
 
 Answer: for the microfacet lobes, whose albedo at grazing is up to 2.0 (Smith), 2.2 (V-cavities, Smith correlated) and
 3.3 times (GGX) that at normal incidence; for the 16th power without max(0, .) (1.5e12 times), classical Phong divided by
@@ -18,6 +17,12 @@ from typing import Any
 
 import numpy as np
 
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.output import curves
+from brdfcheck.plots.styles import looks
+from brdfcheck.studies import table
+
 # Of the published claims those that are other functions of the directions than the validated lobes.
 OTHERS = ("binomial-power-unclamped", "phong-classical", "cook-torrance-no-masking")
 TOP = 1.3  # the axis of albedos ends here
@@ -25,8 +30,6 @@ _EQUAL = 1e-6  # a ratio that is one for the eye
 
 
 def _names(size: str) -> list[str]:
-    import brdfcheck
-
     if size == "small":
         return ["lambert", "phong", "binomial-power-half", "binomial-power-unclamped", "phong-classical", "beckmann-smith"]
     opaque = [entry for entry in brdfcheck.catalog.entries() if entry.family.surface is None]
@@ -36,9 +39,6 @@ def _names(size: str) -> list[str]:
 
 def run(size: str = "full") -> dict[str, Any]:
     """Curves over the angles for a few values of the parameter; and for all of them, how much worse the worst angle is."""
-    import brdfcheck
-    from brdfcheck.output import curves
-
     results, ratios, points = [], {}, 65 if size == "full" else 17
     for name in _names(size):
         family = brdfcheck.catalog.entry(name).family
@@ -64,9 +64,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A panel a lobe, light to dark along the parameter, a dot at the worst angle of each curve."""
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import looks
-
     ratios = record["summary"]["ratios"]
     columns = min(len(ratios), 4)
     rows = math.ceil(len(ratios) / columns)
@@ -115,8 +112,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """Which lobes are worst elsewhere, and by how much."""
-    from brdfcheck.studies import table
-
     ratios = record["summary"]["ratios"]
     rows = [
         (f"`{name}`", f"{found['ratio']:.6g}", f"{found['parameter']} = {found['at']:.4g}", f"{found['angle_degrees']:.4g}°")
@@ -127,9 +122,3 @@ def summary(record: dict[str, Any]) -> str:
     header = ("BRDF", "worst albedo / albedo at normal incidence", "largest at", "worst angle")
     text = f"Normal incidence is not the worst angle for {len(rows)} of {len(ratios)} lobes:"
     return f"{text}\n\n{table(header, rows)}\n\nIt is for {others}."
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

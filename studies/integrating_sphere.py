@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """What do four solvers say of an integrating sphere as its wall nears and passes loss-free, and what if the wall is glossy?
 
-Command: ``brdfcheck study integrating_sphere`` (or ``python studies/integrating_sphere.py``). Under a minute on two cores.
+Command: ``brdfcheck study integrating_sphere``. Under a minute on two cores.
 
 Answer: below 1 all are right, LU and conjugate gradients to 1e-14, shooting and the series to the 1e-8 and 1e-10 asked for,
 paths to 0.4 to 0.8 % of the multiplied light on the worst of 24 patches (up to 2.2 standard errors). At rho = 1 and 1.01
@@ -15,7 +14,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
+import numpy as np
+
+from _instruments import transport as measure
+from _instruments.transport import LABELS, SOLVERS
+from brdfcheck import Normalized, Phong, PhongExact, plots, transport
 from brdfcheck.output import records
+from brdfcheck.studies import table
 
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
 # (label, exponent of a Phong lobe with its exact factor; None: Lambert)
@@ -25,12 +31,6 @@ GLOSSY = 0.9  # what the walls of the second panel reflect of what their BRDF re
 
 def run(size: str = "full") -> dict[str, Any]:
     """All solvers at all reflectances, and the light over the sphere for glossy walls (small: fewer paths and walls)."""
-    import jax
-    import numpy as np
-
-    from _instruments import transport as measure
-    from brdfcheck import Normalized, Phong, PhongExact, transport
-
     paths, walls = (2**18, WALLS) if size == "full" else (2**12, WALLS[:2])
     room = transport.sphere(24)
     spot = np.zeros(room.patches)
@@ -63,9 +63,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Left: error of each solver against the reflectance; right: how even the light is."""
-    from _instruments.transport import LABELS, SOLVERS
-    from brdfcheck import plots
-
     with plots.house_style():
         figure = plots.empty(9.6, 4.3)
         left, right = figure.subplots(1, 2)
@@ -104,8 +101,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """All solvers at all reflectances, and how even the light is."""
-    from brdfcheck.studies import table
-
     rows = [
         (f"{r['reflectance']:g}", f"`{r['method']}`", f"{float(r['opposite']):.8g}", f"{float(r['error']):.1e}",
          f"{float(r['claimed']):.1e}", f"{float(r['residual']):.1e}", f"{r['cost']:.3g}", r["status"])
@@ -121,9 +116,3 @@ def summary(record: dict[str, Any]) -> str:
         + "\n\nWalls that reflect 0.9 of what their BRDF does, away from the spot:\n\n"
         + table(("BRDF", "mean radiosity", "lowest by mean", "highest by mean"), even)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

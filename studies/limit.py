@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How far are the ways to an albedo from what this machine can do?
 
-Command: ``brdfcheck study limit`` (or ``python studies/limit.py``). A minute on two cores once it is compiled.
+Command: ``brdfcheck study limit``. A minute on two cores once it is compiled.
 
 Answer: 40 exps a cell are met by tables of powers (33, 34) and Schlick's lobe (19), missed by the 16th power (41), Lyon's (59,
 98) and Kuijk-Blake's (117): beside its evaluations a cell takes a log, three roots and a sum of 41 terms at each end. Beckmann
@@ -23,6 +22,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import jax.numpy as jnp
+import numpy as np
+
+from _instruments import limits, lobe_error, timing
+from _instruments.peers import metal_table
+from brdfcheck import GGX, CookTorrance, plots
+from brdfcheck.cores import available_cores
+from brdfcheck.studies import table
+
 ALONE = True  # times programs on all cores
 LOOKS: tuple[dict[str, Any], ...] = (
     {"marker": "|", "color": "black", "markersize": 13, "markeredgewidth": 2}, {"marker": "o", "color": "#0072B2"},
@@ -32,14 +40,6 @@ LOOKS: tuple[dict[str, Any], ...] = (
 
 def run(size: str = "full") -> dict[str, Any]:
     """Times of the machine's operations, of every production path on one core and on all, and of the peer's table."""
-    import jax.numpy as jnp
-    import numpy as np
-
-    from _instruments import limits, lobe_error, timing
-    from _instruments.peers import metal_table
-    from brdfcheck import GGX, CookTorrance, plots
-    from brdfcheck.cores import available_cores
-
     rounds, count = (9, 1000) if (full := size == "full") else (1, 60)
     references = {name: lobe_error.REFERENCES[name] for name in ("multiply-add", "division", "exp", "log")}
     n, mu = np.geomspace(1, 1000, count), np.linspace(1 / 90, 1, 90 if full else 5)
@@ -72,8 +72,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """For each path three marks on a logarithmic axis: the floor, all cores, one core; labels say the ratio to the floor."""
-    from brdfcheck import plots
-
     results, cores = record["results"], record["settings"]["cores"]
     with plots.house_style():
         figure = plots.empty(8.0, 0.36 * len(results) + 1.6)
@@ -112,9 +110,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The targets, met or missed, and the table behind the figure."""
-    from _instruments import limits
-    from brdfcheck.studies import table
-
     results, found = record["results"], record["summary"]
     exp = found["nanoseconds"]["float64"]["exp"]
     rows = [
@@ -133,9 +128,3 @@ def summary(record: dict[str, Any]) -> str:
         f"{targets}\n\n{limits.remarks(record)}\n\n{table(header, rows)}\n\n"
         f"Nanoseconds of single operations in the same run:\n\n{table(('', *found['nanoseconds']), single)}"
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """What does a stand-in for the cosine power save, and how far is it from the power?
 
-Command: ``brdfcheck study lobe_cost`` (or ``python studies/lobe_cost.py``). Under a minute on two cores.
+Command: ``brdfcheck study lobe_cost``. Under a minute on two cores.
 
 Answer: the 16th power takes 7 operations and a ninth of the time of exp(n log c), in float64 a 23rd; for n = 10, 100, 1000 it
 is within 0.011, 0.015, 0.017 of c^n (3 to 5 steps of 8 bits) and keeps its energy to 3 to 6 %. Schlick's quotient takes as
@@ -16,6 +15,13 @@ from __future__ import annotations
 
 import itertools
 from typing import Any
+
+import jax.numpy as jnp
+
+from _instruments import charts, lobe_error, timing
+from brdfcheck import plots
+from brdfcheck.plots.styles import LOBES, ink
+from brdfcheck.studies import table
 
 EXPONENTS = (10, 100, 1000)
 MOST = 1.6  # nanoseconds; what takes longer is drawn at the edge
@@ -37,10 +43,6 @@ KINDS = {
 
 def run(size: str = "full") -> dict[str, Any]:
     """Errors, energies, operations and times of all formulas (small: of a few, on fewer angles)."""
-    import jax.numpy as jnp
-
-    from _instruments import lobe_error, timing
-
     full, few = size == "full", ("power", "power-fixed", "schlick", "lyon-4", "binomial-16")
     forms = [form for form in lobe_error.FORMS if full or form.name in few]
     evaluations, rounds, samples = (10_000_000, 150, 90_001) if full else (200_000, 3, 9_001)
@@ -71,10 +73,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A column an exponent, a row an error; the frontier of what no other formula beats is grey."""
-    from _instruments import charts
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import LOBES, ink
-
     loop = record["summary"]["nanoseconds"]["loop alone"]["float32"]
     with plots.house_style():
         figure = plots.empty(8.6, 9.4)
@@ -120,8 +118,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The claims, and all numbers as tables."""
-    from brdfcheck.studies import table
-
     claims = table(("claim", "measured, n = 10 / 100 / 1000", "holds"), record["summary"]["claims"])
     keys = list((results := record["results"])[0]["errors"])
     errors = [
@@ -142,9 +138,3 @@ def summary(record: dict[str, Any]) -> str:
         " has them), and the albedo at normal incidence with the power's factor:"
         f"\n\n{table(('formula', 'n', *keys, 'E mirror', 'E half'), errors)}"
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

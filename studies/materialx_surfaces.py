@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Do the surfaces that MaterialX defines conserve energy?
 
 Command: ``brdfcheck study materialx_surfaces``. Needs the extra ``materialx``.
@@ -17,7 +16,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import brdfcheck
 from _instruments.bars import COLOURS, plot, told
+from brdfcheck.output import records
+from brdfcheck.studies import table
 
 __all__ = ["plot", "run", "summary"]
 
@@ -44,9 +46,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 
 def _checked(surface: str, state: str, size: str, ranges: dict[str, Any]) -> dict[str, Any]:
-    import brdfcheck
-    from brdfcheck.output import records
-
     began = time.perf_counter()
     report = brdfcheck.check(f"materialx:{surface}", effort="normal" if size == "full" else "quick", **ranges)
     seconds = round(time.perf_counter() - began, 1)
@@ -55,8 +54,6 @@ def _checked(surface: str, state: str, size: str, ranges: dict[str, Any]) -> dic
 
 def summary(record: dict[str, Any]) -> str:
     """A table: verdict, largest albedo, where, what failed, and seconds."""
-    from brdfcheck.studies import table
-
     rows = []
     for row in record["results"]:
         place = ", ".join(f"{name} = {float(row['parameters'][name]):.4g}" for name in row["varied"])
@@ -67,9 +64,3 @@ def summary(record: dict[str, Any]) -> str:
     return f"Conserve {found['CONSERVES']}, violate the law {found['VIOLATES']}, undecided {found['UNDECIDED']}.\n\n" + table(
         ("surface", "verdict", "largest albedo", "at", "angle of incidence", "fails besides", "seconds"), rows
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

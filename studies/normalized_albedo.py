@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Do the published two-constant factors conserve energy, and what do the best ones lose?
 
-Command: ``brdfcheck study normalized_albedo`` (or ``python studies/normalized_albedo.py``). 4 s on two cores.
+Command: ``brdfcheck study normalized_albedo``. 4 s on two cores.
 
 Answer: the 16th-power lobe with (n+6)/24.55, published as conserving, exceeds 1 for n in [14.303, 23.056], by up to 0.16 %
 at n = 17.85. Blinn-Phong with (n+6)/8pi conserves, but reflects only 0.797 at n = 1. The factors with the largest smallest
@@ -14,6 +13,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.output import curves
+from brdfcheck.plots.styles import ink, style_of
+from brdfcheck.studies import table
+
 NAMES = {
     "binomial-power-published": "binomial power, (n+6)/24.55",
     "blinn-phong-6": "Blinn-Phong, (n+6)/8π",
@@ -25,9 +30,6 @@ FITTED = ("binomial-power-half", "blinn-phong-fitted")
 
 def run(size: str = "full") -> dict[str, Any]:
     """The largest albedo over all angles against the exponent, and the best factors fitted anew."""
-    import brdfcheck
-    from brdfcheck.output import curves
-
     samples = 241 if size == "full" else 41
     drawn = [{**curves.albedo_vs_n(name, samples=samples, n=(1.0, 1000.0)), "label": NAMES[name]} for name in NAMES]
     fits = {}
@@ -39,9 +41,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """The four curves, and the neighbourhood of the line at 1 enlarged."""
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import ink, style_of
-
     figure = plots.figure("albedo-vs-n", record["results"])
     axes = figure.axes[0]
     with plots.house_style():
@@ -73,8 +72,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """Verdicts and the fitted constants."""
-    from brdfcheck.studies import table
-
     rows = []
     for curve in record["results"]:
         most, least = curve["largest"], min(zip(curve["albedo"], curve["x"], strict=True))
@@ -89,9 +86,3 @@ def summary(record: dict[str, Any]) -> str:
     lines = [(f"`{name}`", f"{fit['A']:.6f}", f"{fit['B']:.6f}", f"{fit['smallest']:.6f}") for name, fit in fits.items()]
     best = table(("lobe of", "A", "B", "smallest albedo"), lines)
     return f"{text}The best factors (n+A)/B, fitted anew; the catalogue has them rounded to the safe side:\n\n{best}"
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

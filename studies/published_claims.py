@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """What of the literature's claims about normalised BRDFs holds?
 
-Command: ``brdfcheck study published_claims`` (or ``python studies/published_claims.py``). 8 s on two cores.
+Command: ``brdfcheck study published_claims``. 8 s on two cores.
 
 Answer: 3 of 13 hold. The 16th-power lobe with (n+6)/24.55 misses by 0.16 %, Blinn-Phong with (n+8)/8pi by 7.5 %; the
 factor of the facet distribution makes it 3.98, Schlick's lobe with the power's factor 5.44, classical Phong read as a
@@ -15,14 +14,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.output import records
+from brdfcheck.plots.styles import style_of
+from brdfcheck.studies import table
+
 MOST = 30.0  # the axis of albedos ends here
 
 
 def run(size: str = "full") -> dict[str, Any]:
     """The verdict on every published claim of the catalogue (small: on four of them)."""
-    import brdfcheck
-    from brdfcheck.output import records
-
     claims = [entry for entry in brdfcheck.catalog.entries() if entry.claim]
     results = []
     for entry in claims if size == "full" else claims[:4]:
@@ -34,9 +36,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A row a claim: the exponents for which it fails, and the largest albedo."""
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import style_of
-
     claims = sorted(record["results"], key=lambda claim: -float(claim["albedo"]))
     with plots.house_style():
         figure = plots.empty(8.0, 0.42 * len(claims) + 0.8)
@@ -94,8 +93,6 @@ def _ends(claim: dict[str, Any], digits: int) -> str:
 
 def summary(record: dict[str, Any]) -> str:
     """The audit as a table."""
-    from brdfcheck.studies import table
-
     rows = []
     for claim in record["results"]:
         albedo = f"{float(claim['albedo']):.8g} ± {claim['error']:.0e}"
@@ -104,9 +101,3 @@ def summary(record: dict[str, Any]) -> str:
     found = record["summary"]
     text = f"{found['violate']} of {found['claims']} published claims do not hold, {found['hold']} do."
     return f"{text}\n\n{table(('BRDF', 'claimed', 'verdict', 'largest albedo', 'at', 'above 1'), rows)}"
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """For which exponents does the raw 16th-power lobe reflect more than it receives?
 
-Command: ``brdfcheck study raw_albedo`` (or ``python studies/raw_albedo.py``). 3 s on two cores.
+Command: ``brdfcheck study raw_albedo``. 3 s on two cores.
 
 Answer: for n below 18.588, not 17: at n = 17 the albedo of max(0, 1 + (n/16)(N.H - 1))^16 is still 1.0690. It falls
 from 2.8777 at n = 1 to 0.02355 at n = 1000.
@@ -15,6 +14,12 @@ from typing import Any
 
 import numpy as np
 
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.output import curves
+from brdfcheck.plots.styles import ink, style_of
+from brdfcheck.studies import table
+
 NAME = "binomial-power-raw"
 CLAIMED = 17.0
 EXPONENTS = (1, 2, 5, 10, 17, 18, 19, 20, 50, 100, 200, 500, 1000)
@@ -22,9 +27,6 @@ EXPONENTS = (1, 2, 5, 10, 17, 18, 19, 20, 50, 100, 200, 500, 1000)
 
 def run(size: str = "full") -> dict[str, Any]:
     """The albedo over all angles and at normal incidence, and at the exponents of the table."""
-    import brdfcheck
-    from brdfcheck.output import curves
-
     samples = 241 if size == "full" else 41
     normal = curves.albedo_vs_n(NAME, samples=samples, cos_theta=(1.0, 1.0))
     anywhere = curves.albedo_vs_n(NAME, samples=samples)
@@ -45,9 +47,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """The curve with the claimed end of the violation beside the true one, and the two enlarged."""
-    from brdfcheck import plots
-    from brdfcheck.plots.styles import ink, style_of
-
     figure = plots.figure("albedo-vs-n", record["results"])
     axes, (curve,), style = figure.axes[0], record["results"], style_of(NAME)
     crossing, claimed = record["summary"]["crossing"], record["settings"]["claimed"]
@@ -76,8 +75,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The crossing and a table."""
-    from brdfcheck.studies import table
-
     found = record["summary"]
     rows = [(f"{n:g}", f"{value:.6f}") for n, value in zip(found["exponents"], found["albedo"], strict=True)]
     return (
@@ -86,9 +83,3 @@ def summary(record: dict[str, Any]) -> str:
         f" normal incidence is the worst. Albedos to ± {found['largest_error']:.1g}:\n\n"
         + table(("n", "albedo at normal incidence"), rows)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """What does a table of GGX for renderers cost, and how far off are the formulas that are used in its place?
 
-Command: ``brdfcheck study renderer_tables`` (or ``python studies/renderer_tables.py``). A minute on two cores.
+Command: ``brdfcheck study renderer_tables``. A minute on two cores.
 
 Answer: 0.4 seconds of one core for 64 x 64 albedos of GGX, off by 4e-14 with bars of 8e-9. A plain Gauss rule in numpy has
 four digits in twice as long, Mitsuba's sampling two in ten times. Of the formulas in place of a table MaterialX's rational fit
@@ -18,6 +17,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from _instruments import renderer
+from _instruments.peers import PEERS, metal_table
+from brdfcheck import GGX, albedo_table, plots
+from brdfcheck.cores import on_one_core
+from brdfcheck.fits.compact import compact_fits
+from brdfcheck.fits.renderer import renderer_table
+from brdfcheck.studies import table
+
 ORDERS = (16, 32, 64)
 # Rows and columns of the 64 at which ways to make a table are compared.
 ROWS, COLUMNS = (20, 34, 48, 63), (0, 2, 5, 11, 23, 32, 48, 63)
@@ -25,15 +34,6 @@ ROWS, COLUMNS = (20, 34, 48, 63), (0, 2, 5, 11, 23, 32, 48, 63)
 
 def run(size: str = "full") -> dict[str, Any]:
     """Times and errors of ways to make the table of E; errors of formulas for the split sum (small: 16 x 16, ours alone)."""
-    import numpy as np
-
-    from _instruments import renderer
-    from _instruments.peers import PEERS, metal_table
-    from brdfcheck import GGX, albedo_table
-    from brdfcheck.cores import on_one_core
-    from brdfcheck.fits.compact import compact_fits
-    from brdfcheck.fits.renderer import renderer_table
-
     full = size == "full"
     count = 64 if full else 16
     nodes = (np.arange(count) + 0.5) / count
@@ -77,9 +77,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Left: error against seconds of the ways to make a table. Right: the largest error of E at each roughness by formulas."""
-    from _instruments import renderer
-    from brdfcheck import plots
-
     colors = {"brdfcheck": "#8C2D04", "numpy": "#0072B2", "Mitsuba": "#661100", "MaterialX, rational": "#009E73"}
     with plots.house_style():
         figure = plots.empty(8.0, 3.6)
@@ -106,8 +103,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The ways to make a table, and the formulas."""
-    from brdfcheck.studies import table
-
     ways = [
         (
             r["way"],
@@ -140,9 +135,3 @@ def summary(record: dict[str, Any]) -> str:
         f"The functions of brdfcheck have {record['summary']['coefficients']} coefficients together.\n\n"
         f"Peers that were not installed: {absent}."
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Does a picture show what its equation says?
 
-Command: ``brdfcheck study renders`` (or ``python studies/renders.py``). About two minutes on two cores.
+Command: ``brdfcheck study renders``. About two minutes on two cores.
 
 Answer: yes, also where the equation is wrong. In the white furnace no validated BRDF outshines its surrounding; published ones
 do, by 0.16 % ((n+6)/24.55) and 298 % (Cook-Torrance as printed). Of a highlight on a facet Gouraud shading leaves 84, 17, 0 %
@@ -16,6 +15,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
+import numpy as np
+
+from brdfcheck import plots
+from brdfcheck.scene import failures, images, meshes, presets, white_furnace
+from brdfcheck.studies import table
+
 SMALL = ("figure-6", "figure-10")
 SHOWN = {
     "figure-10": "metal of facets, two lights",
@@ -28,10 +34,6 @@ EXPONENTS, DEGREES = (10, 100, 1000), (0, 15, 30, 45)
 
 def run(size: str = "full") -> dict[str, Any]:
     """The numbers behind the pictures (small: of the icosahedron and one BRDF), and which pictures there are."""
-    import jax.numpy as jnp
-    import numpy as np
-
-    from brdfcheck.scene import failures, meshes, presets, white_furnace
 
     def normal_error(mesh: meshes.Mesh) -> float:
         """The largest angle (radians) between the averaged normals of a mesh on the unit sphere and the sphere's own."""
@@ -67,17 +69,12 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
     """Every picture as the command renders it."""
-    from brdfcheck.scene import images, presets
-
     sides = {row["name"]: row["side"] for row in record["results"]}
     return {f"{name}.png": images.png_bytes(presets.render_preset(name, side)) for name, side in sides.items()}
 
 
 def plot(record: dict[str, Any]) -> Any:
     """Three pictures, what smooth shading loses against the number of faces, and the excess in the furnace."""
-    from brdfcheck import plots
-    from brdfcheck.scene import images, presets
-
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
     faces, sides = [row["faces"] for row in smooth], {row["name"]: row["side"] for row in record["results"]}
     with plots.house_style():
@@ -122,8 +119,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """All numbers, and all pictures with their captions."""
-    from brdfcheck.studies import table
-
     found = record["summary"]
     smooth = [
         (f"{row['faces']}", *(f"{x:.3f}" for x in row["left"]), f"{row['bleed']:.3f}", f"{row['value_jump']:.3f}",
@@ -146,9 +141,3 @@ def summary(record: dict[str, Any]) -> str:
         "The most that is reflected beyond 1 in the white furnace, of 0 to 89 degrees:",
         table(("published", "at", "excess", "validated", "excess"), furnace), *shown,
     ))  # fmt: skip
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

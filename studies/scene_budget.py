@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How much of the full model does a scene need, and what does leaving out the rest save?
 
-Command: ``brdfcheck study scene_budget`` (or ``python studies/scene_budget.py``). Under two minutes on two cores.
+Command: ``brdfcheck study scene_budget``. Under two minutes on two cores.
 
 Answer: six scenes need six models, 2.2 to 4.6 times faster than the full one. A matt sphere far away needs a distant light and
 float32; in 16 bits a glossy one needs its point light and the power itself (every stand-in errs by 200 steps or more).
@@ -19,6 +18,17 @@ from __future__ import annotations
 import base64
 import io
 from typing import Any
+
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
+from matplotlib.image import imread
+
+from brdfcheck import budget, plots
+from brdfcheck.budgets import report
+from brdfcheck.budgets.report import cells, sentences
+from brdfcheck.plots import with_few_colours
+from brdfcheck.scene.images import png_bytes
+from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
 BASE = {"brdf": "lambert", "tint": [0.6, 0.3, 0.1]}
@@ -59,10 +69,6 @@ SCENES: dict[str, dict[str, Any]] = {
 
 def run(size: str = "full") -> dict[str, Any]:
     """The budget of every scene (small: of two, in few pixels)."""
-    from brdfcheck import budget
-    from brdfcheck.budgets import report
-    from brdfcheck.plots import with_few_colours
-    from brdfcheck.scene.images import png_bytes
 
     def thumbnail(image: Any) -> Any:
         """Every k-th pixel of an image, so that no side has more than 128."""
@@ -82,13 +88,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A row a scene: the full picture, the budgeted one, their difference, and error against cost."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LogNorm
-    from matplotlib.image import imread
-
-    from brdfcheck import plots
-    from brdfcheck.budgets import report
-
     results = record["results"]
     with plots.house_style():
         figure = plots.empty(9.4, 0.8 + 2.15 * len(results))
@@ -119,9 +118,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """What each scene needs, and all rungs."""
-    from brdfcheck.budgets.report import cells, sentences
-    from brdfcheck.studies import table
-
     parts = []
     for result in record["results"]:
         lines = "\n".join(f"- {line}" for line in sentences(result))
@@ -131,9 +127,3 @@ def summary(record: dict[str, Any]) -> str:
         " rung that errs less would buy. The difference is white below 10⁻⁸ of full scale, then purple to yellow at 1.\n\n"
         + "\n\n".join(parts)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

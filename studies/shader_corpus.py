@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """Which BRDFs of the literature conserve energy as people ship them, as shader files?
 
 Command: ``brdfcheck study shader_corpus``: the twelve files of ``_instruments/shaders``, written from the papers. For files of
-your own, give their folder in the environment variable BRDFCHECK_SHADERS, or as ``python studies/shader_corpus.py FOLDER``.
+your own, give their folder in the environment variable BRDFCHECK_SHADERS.
 
 Answer: 6 of 12 do, 5 do not: Ward 1992 has no bound towards grazing, the principled model reaches 1.885 with everything turned
 up, Blinn-Phong with n + 8 reaches 1.0752, Oren and Nayar's model 1.0152, EON's approximate form 1.000146. Cook-Torrance comes
@@ -15,12 +14,14 @@ its roughness.
 from __future__ import annotations
 
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import brdfcheck
 from _instruments.bars import COLOURS, plot, told
+from brdfcheck.output import records
+from brdfcheck.studies import table
 
 __all__ = ["plot", "run", "summary"]
 
@@ -47,9 +48,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 
 def _checked(path: Path, effort: str) -> dict[str, Any]:
-    import brdfcheck
-    from brdfcheck.output import records
-
     began = time.perf_counter()
     try:
         family = brdfcheck.load(str(path), **RANGES.get(path.name, {}))
@@ -61,8 +59,6 @@ def _checked(path: Path, effort: str) -> dict[str, Any]:
 
 def summary(record: dict[str, Any]) -> str:
     """A table, and what was refused."""
-    from brdfcheck.studies import table
-
     found, rows = record["summary"], []
     for row in record["results"]:
         if row["verdict"]:
@@ -76,11 +72,3 @@ def summary(record: dict[str, Any]) -> str:
         f" {found['VIOLATES']}, undecided {found['UNDECIDED']}.\n\n"
         + table(("file", "verdict", "largest albedo", "at", "angle of incidence"), rows)
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    if len(sys.argv) > 1 and Path(sys.argv[1]).is_dir():
-        os.environ["BRDFCHECK_SHADERS"] = sys.argv.pop(1)
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How many facets, which interpolation and which precision does a glossy sphere need?
 
-Command: ``brdfcheck study shading_cost`` (or ``python studies/shading_cost.py``). Over a minute on two cores.
+Command: ``brdfcheck study shading_cost``. Over a minute on two cores.
 
 Answer: none: the exact sphere takes a seventh of the time of 1280 Phong-shaded faces and errs by 3e-7, where no mesh up to
 20,480 faces comes below 2e-3. Of meshes, Phong shading errs 0.54 to 0.79 times as much as Gouraud's up to 1280 faces, in about
@@ -19,6 +18,19 @@ import itertools
 import time
 from typing import Any
 
+import jax
+import numpy as np
+
+from _instruments.charts import frontier
+from brdfcheck import plots
+from brdfcheck.scene.cameras import Orthographic
+from brdfcheck.scene.lights import Distant
+from brdfcheck.scene.materials import Surface, Term
+from brdfcheck.scene.meshes import icosphere
+from brdfcheck.scene.smooth import render_mesh
+from brdfcheck.scene.sphere import sphere_image
+from brdfcheck.studies import table
+
 ALONE = True  # times programs on all cores
 SHADINGS = {"flat": ("#999999", "s"), "gouraud": ("#E69F00", "^"), "phong": ("#0072B2", "o"), "exact sphere": ("#000000", "*")}
 METHODS, MIDDLE, FLOOR = ("area", "oblique", "scan-line"), 3, 1e-3  # of interpolation, on 1280 faces; of the chart
@@ -28,16 +40,6 @@ RATIOS = ("time, Phong to Gouraud", "error", "time, flat to Gouraud", "error", "
 
 def run(size: str = "full") -> dict[str, Any]:
     """Milliseconds of a warm image, and its errors, for each number of faces, shading and precision."""
-    import jax
-    import numpy as np
-
-    from brdfcheck.scene.cameras import Orthographic
-    from brdfcheck.scene.lights import Distant
-    from brdfcheck.scene.materials import Surface, Term
-    from brdfcheck.scene.meshes import icosphere
-    from brdfcheck.scene.smooth import render_mesh
-    from brdfcheck.scene.sphere import sphere_image
-
     pixels, levels, rounds = ((512, 512), range(6), 25) if size == "full" else ((64, 64), range(1, 3), 3)
     material = Surface(Term("lambert", (0.5, 0.4, 0.3)), Term("blinn-phong", 0.2, n=30))
     lights = (Distant((0.5, 0.6, 0.62), (3.0, 2.8, 2.5)), Distant((-0.7, 0.1, 0.7), (0.9, 1.0, 1.2)))
@@ -83,9 +85,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Error against time; numbers are faces; float64 is hollow. The exact sphere, far below, stands on the lower edge."""
-    from _instruments.charts import frontier
-    from brdfcheck import plots
-
     with plots.house_style():
         figure = plots.empty(8.0, 5.6)
         axes = figure.subplots()
@@ -118,8 +117,6 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The tables behind the figure, their ratios, and the three ways of interpolation."""
-    from brdfcheck.studies import table
-
     header = ("shading", "faces", "precision", "ms", "quartiles apart", "rms error", "pixels off by half a step of 8 bit")
 
     def rows(found: list[dict[str, Any]]) -> str:
@@ -133,9 +130,3 @@ def summary(record: dict[str, Any]) -> str:
     return "\n\n".join((f"Of {pixels[0]} x {pixels[1]} pixels, medians of {rounds} rounds:", rows(record["results"]),
                         "Ratios, in float32 where nothing else is said:", table(("faces", *RATIOS), ratios),
                         "Interpolation in the triangle by three methods:", rows(record["summary"]["methods"])))  # fmt: skip
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Where do rules that know the lobe hold, lose digits, lie or break, over every lobe, exponent, angle and precision?
 
-Command: ``brdfcheck study stability`` (or ``python studies/stability.py``). Two minutes on two cores.
+Command: ``brdfcheck study stability``. Two minutes on two cores.
 
 Answer: `brdfcheck.albedo` holds in all 2,912 cells of both precisions, and where it runs operation by operation. The warped
 rule breaks in 322 cells, of unclamped powers, Schlick's tail and Kuijk-Blake's kinks, and holds in 105 of float64; tanh-sinh
@@ -21,6 +20,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from _instruments import stability
+from _instruments.outcome_charts import CELLS, page, pictures, plot
+from brdfcheck.studies import table
+
+__all__ = ["pictures", "plot", "run", "summary"]
+
 SETTINGS = {"lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 6, "half-vector": 5, "closed-form": 64}
 EAGER = ("phong", "ggx")
 SMALL = ("phong", "kb", "ggx")
@@ -28,53 +33,18 @@ SMALL = ("phong", "kb", "ggx")
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the production rule and of others that know where the lobe is."""
-    from _instruments import stability
-
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    names = [name for name in references if size == "full" or name in SMALL]
-    jobs = [stability.Job("production", stability.production, name) for name in names]
-    jobs += stability.of_rules(SETTINGS if size == "full" else {"zonal": 6}, names)
+    references = {name: one for name, one in references.items() if size == "full" or name in SMALL}
+    jobs = [stability.Job("production", stability.production, name) for name in references]
+    jobs += stability.of_rules(SETTINGS if size == "full" else {"zonal": 6}, references)
     if size == "full":
         jobs += stability.of_rules({"adaptive": 1e-3}, stability.KINDS)
     eager = EAGER if size == "full" else EAGER[:1]
     jobs += [stability.Job("production, eager", stability.production, name, mode="eager") for name in eager]
-    results = stability.survey(jobs, references)
-    summary = {"counts": stability.counted(results)}
-    return {"settings": stability.grid_of(references[name] for name in names), "results": results, "summary": summary}
-
-
-def plot(record: dict[str, Any]) -> Any:
-    """What part of the cells of each method holds, loses digits, lies and breaks."""
-    from _instruments.outcome_charts import shares
-
-    return shares(record["results"])
-
-
-def pictures(record: dict[str, Any]) -> dict[str, bytes]:
-    """A map for each method: lobes and exponents down, angles across."""
-    from _instruments.outcome_charts import maps
-
-    return maps(record["results"], **record["settings"])
+    return stability.measured(jobs, references)
 
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by method and precision, the known failures with cause and remedy, and the maps."""
-    from _instruments.outcome_charts import cells, shown
-    from _instruments.stability import KNOWN_FAILURES
-    from brdfcheck.studies import table
-
-    counts = record["summary"]["counts"]
-    return "\n\n".join((
-        "Cells of the matrix by outcome. Holds: relative error at most 1e-8 in float64, 1e-4 in float32. Lies: wrong by more"
-        " than the rule's own claim. Breaks: not finite, or wrong by half. Left out: cells for which a rule has no formula.",
-        table(*cells(counts)),
-        "What fails, with cause and remedy:",
-        table(("what fails", "cause", "remedy"), KNOWN_FAILURES),
-        *shown(counts),
-    ))  # fmt: skip
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)
+    failures = table(("what fails", "cause", "remedy"), stability.KNOWN_FAILURES)
+    return page(record, CELLS, f"What fails, with cause and remedy:\n\n{failures}")

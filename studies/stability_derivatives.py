@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Where do derivatives of an albedo hold, lose digits or break, over every lobe, exponent, angle and precision?
 
-Command: ``brdfcheck study stability_derivatives`` (or ``python studies/stability_derivatives.py``). Two minutes on two cores.
+Command: ``brdfcheck study stability_derivatives``. Two minutes on two cores.
 
 Answer: those of `brdfcheck.albedo` hold in all 2,912 cells of float64; of float32 two, dE/dtheta of unclamped powers, are off
 by more than 1e-2, and 78 do not fit into the precision. Rules whose nodes follow lobe and horizon, zonal and half-vector, hold
@@ -20,6 +19,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from _instruments import stability
+from _instruments.outcome_charts import page, pictures, plot
+
+__all__ = ["pictures", "plot", "run", "summary"]
+
 SETTINGS = {
     "uniform-monte-carlo": 4096, "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "r2-lattice": 4096,
     "midpoint-product": 32, "gauss-product": 32, "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 6, "half-vector": 5,
@@ -31,50 +35,21 @@ SMALL = ("phong",)
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the derivatives of the production rule and of the others."""
-    from _instruments import stability
-
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    names = [name for name in references if size == "full" or name in SMALL]
+    references = {name: one for name, one in references.items() if size == "full" or name in SMALL}
     # To 1e-3 it does not matter in which instructions float64 computes; in float32 it does: these are the ones of production.
-    jobs = [stability.Job("production", stability.production, name, "derivatives") for name in names]
+    jobs = [stability.Job("production", stability.production, name, "derivatives") for name in references]
     jobs += stability.of_rules(
-        SETTINGS if size == "full" else {"gauss-product": 32}, [name for name in OTHERS if name in names], "derivatives"
+        SETTINGS if size == "full" else {"gauss-product": 32}, [name for name in OTHERS if name in references], "derivatives"
     )
-    results = stability.survey(jobs, references)
-    summary = {"counts": stability.counted(results)}
-    return {"settings": stability.grid_of(references[name] for name in names), "results": results, "summary": summary}
-
-
-def plot(record: dict[str, Any]) -> Any:
-    """What part of the cells of each method holds, loses digits and breaks: for both derivatives."""
-    from _instruments.outcome_charts import shares
-
-    return shares(record["results"])
-
-
-def pictures(record: dict[str, Any]) -> dict[str, bytes]:
-    """A map for each method: lobes and exponents down, angles across."""
-    from _instruments.outcome_charts import maps
-
-    return maps(record["results"], **record["settings"])
+    return stability.measured(jobs, references)
 
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by method, derivative and precision, and the maps."""
-    from _instruments.outcome_charts import cells, shown
-    from brdfcheck.studies import table
-
-    counts = record["summary"]["counts"]
-    return "\n\n".join((
+    return page(
+        record,
         "Cells of the matrix by outcome. Holds: n dE/dn (m dE/dm) or dE/dtheta is off by at most 1e-3 in float64, 1e-2 in"
         " float32, of the larger of itself and E. Breaks: not finite, or wrong by half. No rule claims an error of a"
         " derivative, so none lies. Left out: cells without a formula, and derivatives beyond the precision.",
-        table(*cells(counts)),
-        *shown(counts),
-    ))  # fmt: skip
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)
+    )

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Where do rules of samples hold, lose digits, lie or break, over every lobe, exponent, angle and precision?
 
-Command: ``brdfcheck study stability_sampling`` (or ``python studies/stability_sampling.py``). Two minutes on two cores.
+Command: ``brdfcheck study stability_sampling``. Two minutes on two cores.
 
 Answer: hardly anywhere to 8 digits: the Gauss product rule in 936 of 2,912 cells in float64, Sobol's sequence in 96, all
 others in 25 or less. All but lobe-importance Monte Carlo break in 423 to 481 cells, the needles, where no sample meets the
@@ -20,6 +19,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from _instruments import stability
+from _instruments.outcome_charts import CELLS, page, pictures, plot
+
+__all__ = ["pictures", "plot", "run", "summary"]
+
 SETTINGS = {
     "uniform-monte-carlo": 4096, "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "r2-lattice": 4096,
     "midpoint-product": 32, "gauss-product": 32,
@@ -29,45 +33,12 @@ SMALL = ("phong", "kb", "ggx")
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of rules whose samples do not follow the lobe, and of lobe-importance Monte Carlo."""
-    from _instruments import stability
-
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    names = [name for name in references if size == "full" or name in SMALL]
-    jobs = stability.of_rules(SETTINGS if size == "full" else {"gauss-product": 32}, names)
-    results = stability.survey(jobs, references)
-    summary = {"counts": stability.counted(results)}
-    return {"settings": stability.grid_of(references[name] for name in names), "results": results, "summary": summary}
-
-
-def plot(record: dict[str, Any]) -> Any:
-    """What part of the cells of each rule holds, loses digits, lies and breaks."""
-    from _instruments.outcome_charts import shares
-
-    return shares(record["results"])
-
-
-def pictures(record: dict[str, Any]) -> dict[str, bytes]:
-    """A map for each method: lobes and exponents down, angles across."""
-    from _instruments.outcome_charts import maps
-
-    return maps(record["results"], **record["settings"])
+    references = {name: one for name, one in references.items() if size == "full" or name in SMALL}
+    jobs = stability.of_rules(SETTINGS if size == "full" else {"gauss-product": 32}, references)
+    return stability.measured(jobs, references)
 
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by rule and precision, and the maps."""
-    from _instruments.outcome_charts import cells, shown
-    from brdfcheck.studies import table
-
-    counts = record["summary"]["counts"]
-    return "\n\n".join((
-        "Cells of the matrix by outcome. Holds: relative error at most 1e-8 in float64, 1e-4 in float32. Lies: wrong by more"
-        " than the rule's own claim. Breaks: not finite, or wrong by half. Left out: cells for which a rule has no formula.",
-        table(*cells(counts)),
-        *shown(counts),
-    ))  # fmt: skip
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)
+    return page(record, CELLS)

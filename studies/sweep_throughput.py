@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How many cells a second does a sweep compute, on one core and two, in one process and on a cluster?
 
-Command: ``brdfcheck study sweep_throughput`` (or ``python studies/sweep_throughput.py``). Under two minutes on two cores; the
+Command: ``brdfcheck study sweep_throughput``. Under two minutes on two cores; the
 cluster's part needs the extra 'cluster'.
 
 Answer: a table of 10^7 cells takes 1.8 s on one core with its compiling, 15 million cells a second without, and 22 million on
@@ -23,7 +22,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+from matplotlib.ticker import MaxNLocator
+
+from brdfcheck import plots
+from brdfcheck.cores import available_cores
 from brdfcheck.processes import run_all
+from brdfcheck.studies import table
+from brdfcheck.sweep import Plan, fill, parse
 
 ALONE = True  # times programs on all cores
 SIZES = {"small": ((60, 50), 24), "full": ((5000, 2000), 6000)}
@@ -43,8 +48,6 @@ print(json.dumps([done.cells, done.seconds, done.compiling]))
 
 def run(size: str) -> dict[str, Any]:
     """Cells, seconds and seconds of compiling of every way to run the two sweeps."""
-    from brdfcheck.cores import available_cores
-
     (exponents, cosines), dear = SIZES[size]
     table = {"brdf": "phong", "axes": {"n": {"geomspace": [1, 1000, exponents]}, "cos_theta": {"linspace": [0, 1, cosines]}}}
     facets = {"brdf": "ggx", "axes": {"alpha": {"linspace": [0.1, 1, dear // 4]}, "cos_theta": [0.1, 0.4, 0.7, 1.0]}}
@@ -83,8 +86,6 @@ def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]
     """Workers on this machine. What the first of two runs takes longer is their compiling."""
     from distributed import LocalCluster
 
-    from brdfcheck.sweep import Plan, fill, parse
-
     plan, seconds = Plan(parse(config)), []
     options = {"threads_per_worker": 1, "processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with contextlib.closing(LocalCluster(n_workers=count, **options)) as cluster:
@@ -97,10 +98,6 @@ def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]
 
 def plot(record: dict[str, Any]) -> Any:
     """A bar for each way, one panel for the cheap cells and one for the dear ones."""
-    from matplotlib.ticker import MaxNLocator
-
-    from brdfcheck import plots
-
     figure = plots.empty(6.9, 2.9)
     with plots.house_style():
         panels = figure.subplots(1, 2)
@@ -128,8 +125,6 @@ def _name(row: dict[str, Any]) -> str:
 
 def summary(record: dict[str, Any]) -> str:
     """The runs as a table, and what was left out."""
-    from brdfcheck.studies import table
-
     rows = [
         (f"{r['cells']}: {r['number']}", _name(r), f"{r['seconds']:.2f}", f"{r['starting']:.2f}",
          f"{r['rate']:.4g}", f"{r['rate'] / r['count']:.4g}")
@@ -137,9 +132,3 @@ def summary(record: dict[str, Any]) -> str:
     ]  # fmt: skip
     text = table(("cells", "on", "seconds in all", "of it compiling", "cells a second", "a second and core"), rows)
     return text + "".join(f"\n\nLeft out: {part}." for part in record["summary"]["skipped"])
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

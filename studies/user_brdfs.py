@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """How long does `check` take for BRDFs as users write them, and does brute force ever find a larger albedo?
 
 Command: ``brdfcheck study user_brdfs``. For an older version's times, give the folder of its checkout in the environment
-variable BRDFCHECK_BASELINE, or as ``python studies/user_brdfs.py --baseline FOLDER``.
+variable BRDFCHECK_BASELINE.
 
 Answer: 4 to 26 seconds on two cores, 8 in the median, 1.2 times as fast as before in the median, 7 times at best and 0.3 at
 worst; brute force finds no larger albedo in any of 14 families, before it did in one.
@@ -20,10 +19,13 @@ import math
 import os
 import runpy
 import statistics
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+
+import brdfcheck
+from brdfcheck import plots
+from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
 SMALL = ("minnaert", "oren_nayar_numpy")
@@ -37,8 +39,6 @@ def instrument(name: str) -> SimpleNamespace:
 
 def run(size: str = "full") -> dict[str, Any]:
     """All families (small: two of them, fewer points): checks now and before, and brute force."""
-    import brdfcheck
-
     families, scans, checks = (instrument(f"user_{part}") for part in ("families", "scan", "checks"))
     here, baseline = Path(brdfcheck.__file__).parents[1], os.environ.get("BRDFCHECK_BASELINE")
     if baseline and not Path(baseline, "brdfcheck", "__init__.py").is_file():
@@ -68,8 +68,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A group of bars a family: seconds before, now, and now with programs kept; the verdicts beside them."""
-    from brdfcheck import plots
-
     rows = record["results"]
     times = {part: [row[part]["seconds"] for row in rows if part in row] for part in BARS if part != "kept"}
     times["kept"] = [row["now"]["kept_seconds"] for row in rows if row["now"]["kept_seconds"]]
@@ -109,8 +107,6 @@ def _albedo(answer: dict[str, Any] | None) -> str:
 
 def summary(record: dict[str, Any]) -> str:
     """The times and the answers as tables, and which exclude each other."""
-    from brdfcheck.studies import table
-
     times, answers, told = [], [], []
     for row in record["results"]:
         now, before, found, label = row["now"], row.get("before"), row["scan"], row["label"]
@@ -129,13 +125,3 @@ def summary(record: dict[str, Any]) -> str:
     header_of_answers = ("family", "verdict", "largest albedo", "verdict before", "largest before", "seen by brute force", "at")
     tables = f"{table(header, times)}\n\n{table(header_of_answers, answers)}"
     return "\n\n".join((text, tables, heading, "\n".join(told) or "None."))
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    if "--baseline" in sys.argv[1:-1]:
-        place = sys.argv.index("--baseline")
-        os.environ["BRDFCHECK_BASELINE"] = sys.argv[place + 1]
-        del sys.argv[place : place + 2]
-    main(__file__)

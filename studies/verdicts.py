@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Does `check` ever call a conserving BRDF violating, or a violating one conserving?
 
-Command: ``brdfcheck study verdicts`` (or ``python studies/verdicts.py``). Five minutes on two cores.
+Command: ``brdfcheck study verdicts``. Five minutes on two cores.
 
 Answer: no. Of 2,000 random factors within 1e-6 of the exact one all are judged rightly, none is undecided; of 5,824 verdicts
 in the cells of the matrix in float64, half of them on a line within 1e-6 of the albedo, 85 are undecided and none is false; of
@@ -18,6 +17,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from _instruments import stability
+from _instruments.outcome_charts import OUTCOMES
+from brdfcheck import plots
+from brdfcheck.cores import available_cores
+from brdfcheck.studies import table
+
 SMALL = ("phong",)
 LABELS = {
     "factors": "random factors near the exact one, float64",
@@ -28,9 +33,6 @@ LABELS = {
 
 def run(size: str = "full") -> dict[str, Any]:
     """Counts of right, undecided and false verdicts."""
-    from _instruments import stability
-    from brdfcheck.cores import available_cores
-
     full = size == "full"
     references = stability.read_references(Path(__file__).with_name("stability.csv"))
     chosen = [reference for name, reference in references.items() if full or name in SMALL]
@@ -42,9 +44,6 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """A bar for each set of verdicts: right, undecided, false."""
-    from _instruments.outcome_charts import OUTCOMES
-    from brdfcheck import plots
-
     colors = (OUTCOMES["holds"], OUTCOMES["loses digits"], OUTCOMES["lies"])
     figure = plots.empty(7.2, 2.4)
     with plots.house_style():
@@ -68,16 +67,8 @@ def plot(record: dict[str, Any]) -> Any:
 
 def summary(record: dict[str, Any]) -> str:
     """The counts."""
-    from brdfcheck.studies import table
-
     rows = []
     for row in record["results"]:
         undecided = f"{row['undecided']:,} ({100 * row['undecided'] / row['verdicts']:.2f} %)"
         rows.append((LABELS[row["of"]], f"{row['verdicts']:,}", undecided, str(row["false"])))
     return table(("verdicts of `check`", "count", "undecided", "false"), rows)
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Which rule gives the most digits of an albedo for its time, and which ones never arrive?
 
-Command: ``brdfcheck study work_precision`` (or ``python studies/work_precision.py``). 2 minutes on two cores.
+Command: ``brdfcheck study work_precision``. 2 minutes on two cores.
 
 Answer: the exact-azimuth rule, everywhere: 14 digits from 120 to 351 evaluations, a tenth of a millisecond, whatever the
 exponent and the angle, and the half-vector rule for the Beckmann needle (14 digits in 3,472). From half a million evaluations
@@ -17,6 +16,14 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+
+from _instruments import charts
+from _instruments.charts import ROUNDING
+from _instruments.peers import PEERS, mitsuba_peer
+from _instruments.work_precision import Case, measure_all, single
+from brdfcheck import CookTorrance, KuijkBlake, Phong
+from brdfcheck.quadrature import RULES
+from brdfcheck.studies import table
 
 # (case, lobe, parameter, cos theta, albedo with factor 1)
 CASES = (
@@ -35,11 +42,6 @@ MOST_SECONDS = 0.1
 
 def run(size: str = "full") -> dict[str, Any]:
     """All rules through their settings on all cases, and on three of them in float32 too."""
-    from _instruments.peers import PEERS, mitsuba_peer
-    from _instruments.work_precision import Case, measure_all, single
-    from brdfcheck import CookTorrance, KuijkBlake, Phong
-    from brdfcheck.quadrature import RULES
-
     build = {"Phong": Phong, "KuijkBlake": KuijkBlake, "Beckmann": lambda m: CookTorrance(m, masking="smith-separable")}
     cases = [Case(name, lobe, build[lobe](value), value, mu, exact) for name, lobe, value, mu, exact in CASES]
     # Beside the wide cases the narrow ones: a row of panels each.
@@ -66,16 +68,11 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """One panel a case: error against seconds, the frontier bold."""
-    from _instruments import charts
-
     return charts.figure(record["results"])
 
 
 def summary(record: dict[str, Any]) -> str:
     """For each case: what each rule reaches, and what the first digits cost."""
-    from _instruments.charts import ROUNDING
-    from brdfcheck.studies import table
-
     points, settings = record["results"], record["settings"]
     cases = list(dict.fromkeys(point["case"] for point in points))
     rules = list(dict.fromkeys(point["rule"] for point in points))
@@ -105,9 +102,3 @@ def summary(record: dict[str, Any]) -> str:
         f" these times; the longest was {compiled['compile_seconds']:.0f} s for `{compiled['rule']}`.\n\n"
         f"Peers that were not installed: {missing}.{variant}"
     )
-
-
-if __name__ == "__main__":
-    from brdfcheck.studies import main
-
-    main(__file__)

@@ -8,8 +8,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +46,7 @@ def test_a_study_is_a_short_file_with_question_command_and_answer(name):
     lines = [
         line for line in text.splitlines() if not re.match(r" *(from|import) ", line)
     ]  # how many names it needs is no matter
-    assert 55 <= len(lines) <= 145
-    assert text.startswith("#!")
-    assert os.access(study.path, os.X_OK)
+    assert len(lines) <= 145
     # Of the package only what is public; of the other studies nothing.
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
@@ -219,16 +215,6 @@ def test_in_a_checkout_and_in_an_installation(tmp_path, monkeypatch):
     (tmp_path / "site-packages" / "studies").mkdir()  # another project's
     assert studies.folder() is None
     assert studies.find() == {}
-
-
-def test_a_study_is_a_program_too(tmp_path):
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "studies" / "raw_albedo.py"), "small"], cwd=tmp_path, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False, timeout=120,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "reports" / "raw_albedo" / "figure.svg").is_file()
-    assert (tmp_path / "reports" / "README.md").is_file()
 
 
 # --- pieces ---

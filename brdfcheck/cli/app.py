@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from brdfcheck import __version__
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
 from brdfcheck.messages import UsageError, one_line
 
@@ -43,20 +45,6 @@ class Task:
 
     work: Callable[[], int]
     debug: bool
-
-
-def command(name: str, *, epilog: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Makes a command of a function, which is its work: the command itself gives a `Task` of it. It takes `debug`."""
-
-    def register(work: Callable[..., int]) -> Callable[..., int]:
-        @app.command(name, epilog=epilog)
-        @functools.wraps(work)
-        def read(**options: Any) -> Task:
-            return Task(functools.partial(work, **options), options["debug"])
-
-        return work
-
-    return register
 
 
 app = typer.Typer(
@@ -134,33 +122,6 @@ Hold = Annotated[
         help="Hold a parameter at a value; a vector of a shader with NAME=R,G,B. Repeatable.",
     ),
 ]
-Define = Annotated[
-    list[tuple] | None,
-    typer.Option(
-        "-D",
-        metavar="NAME[=VALUE]",
-        parser=words.macro,
-        help="Shader files: define a macro, whatever the file says. Repeatable.",
-    ),
-]
-Include = Annotated[
-    list[str] | None,
-    typer.Option("-I", metavar="FOLDER", help="Shader files: look for includes in this folder too. Repeatable."),
-]
-Roles = Annotated[
-    tuple | None,
-    typer.Option(
-        "--args",
-        metavar="L,V,N,X,Y",
-        parser=words.roles,
-        help="Shader files: what the arguments of the function are, in its order: L to the light, V to the viewer, N, X, Y"
-        " the frame, any other word a parameter. [default: by their names]",
-    ),
-]
-Returns = Annotated[
-    Literal["brdf", "brdf*cos"],
-    typer.Option("--returns", help="Functions in files return the BRDF, or the BRDF times the cosine at the light."),
-]
 CosTheta = Annotated[
     words.Interval | None,
     typer.Option(
@@ -171,6 +132,64 @@ CosTheta = Annotated[
     ),
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+PLAIN = Reading()
+"""How files are read where nothing is asked for: in a command it stands for the options that say more."""
+
+
+def _reading(
+    define: Annotated[
+        list[tuple] | None,
+        typer.Option(
+            "-D",
+            metavar="NAME[=VALUE]",
+            parser=words.macro,
+            help="Shader files: define a macro, whatever the file says. Repeatable.",
+        ),
+    ] = None,
+    include: Annotated[
+        list[str] | None,
+        typer.Option("-I", metavar="FOLDER", help="Shader files: look for includes in this folder too. Repeatable."),
+    ] = None,
+    args: Annotated[
+        tuple | None,
+        typer.Option(
+            "--args",
+            metavar="L,V,N,X,Y",
+            parser=words.roles,
+            help="Shader files: what the arguments of the function are, in its order: L to the light, V to the viewer, N, X, Y"
+            " the frame, any other word a parameter. [default: by their names]",
+        ),
+    ] = None,
+    returns: Annotated[
+        Literal["brdf", "brdf*cos"],
+        typer.Option("--returns", help="Functions in files return the BRDF, or the BRDF times the cosine at the light."),
+    ] = "brdf",
+) -> Reading:
+    return Reading(dict(define or ()), tuple(include or ()), tuple(args or ()), returns)
+
+
+def command(name: str, *, epilog: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Makes a command of a function, which is its work: the command itself gives a `Task` of it, and has --debug besides.
+
+    Where the function takes `how`, a `Reading`, the command has the options in its place that say how files are read.
+    """
+
+    def register(work: Callable[..., int]) -> Callable[..., int]:
+        reads = inspect.signature(_reading, eval_str=True).parameters
+        own = inspect.signature(work, eval_str=True).parameters
+
+        def read(debug: Debug = False, **options: Any) -> Task:
+            if "how" in own:
+                options["how"] = _reading(**{key: options.pop(key) for key in reads})
+            return Task(functools.partial(work, **options), debug)
+
+        debug = inspect.signature(read, eval_str=True).parameters["debug"]
+        taken = [one for key, given in own.items() for one in (reads.values() if key == "how" else (given,))]
+        vars(read)["__signature__"] = inspect.Signature([*taken, debug])
+        app.command(name, help=work.__doc__, epilog=epilog)(read)
+        return work
+
+    return register
 
 
 @contextlib.contextmanager
@@ -182,13 +201,6 @@ def asked(place: str = "") -> Iterator[None]:
         raise
     except ValueError as error:
         raise UsageError(f"{place}{one_line(error)}") from error
-
-
-def reading(define: Any, include: Any, args: Any, returns: str) -> Any:
-    """How shader files are read, from the options."""
-    from brdfcheck.brdf.readers.base import Reading
-
-    return Reading(dict(define or ()), tuple(include or ()), tuple(args or ()), returns)
 
 
 def start() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, ExitCode, Json, command, start
+from brdfcheck.cli.app import ExitCode, Json, command, start
 from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError, one_line
 
@@ -80,7 +80,6 @@ def _budget(
             help="Write both pictures and their difference, side by side: .png.",
         ),
     ] = None,
-    debug: Debug = False,
 ) -> int:
     """Find out how much of the model a scene needs."""
     words.refuse_same({"--json": json, "--output": chart, "--images": images})

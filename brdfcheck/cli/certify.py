@@ -8,20 +8,9 @@ from typing import Annotated
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
-from brdfcheck.cli.app import (
-    CosTheta,
-    Debug,
-    Define,
-    ExitCode,
-    Include,
-    Returns,
-    Roles,
-    asked,
-    command,
-    reading,
-    start,
-)
+from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, asked, command, start
 from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError, one_line
 
@@ -70,10 +59,7 @@ def _certify(
         float,
         typer.Option(metavar="NUMBER", min=0, max=1e6, help="How long to look for the proof of a function; 0: not at all."),
     ] = 60.0,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     out: Annotated[
         str | None,
         typer.Option(
@@ -87,7 +73,6 @@ def _certify(
     check: Annotated[
         str | None, typer.Option("--verify", metavar="FILE", help="Check a certificate again, instead of making one.")
     ] = None,
-    debug: Debug = False,
 ) -> int:
     """A proof that a BRDF conserves energy, or that it does not.
 
@@ -97,7 +82,7 @@ def _certify(
     if (name is None) == (check is None):
         raise UsageError("give a BRDF to certify, or --verify FILE, but not both")
     if check is not None:
-        if over or out or cos_theta or define or include or args or returns != "brdf":
+        if over or out or cos_theta or not how.is_plain:
             raise UsageError("--verify takes nothing but the certificate")
         return _verified(check)
     output = Output(alone=out == "-")
@@ -108,9 +93,7 @@ def _certify(
     certificate, trouble = None, None
     with contextlib.redirect_stdout(sys.stderr), asked():
         try:
-            how = reading(define, include, args, returns)
-            ranges = words.together(over)
-            certificate = certify(str(name), seconds=seconds, cos_theta=cos_theta, reading=how, **ranges)
+            certificate = certify(str(name), seconds=seconds, cos_theta=cos_theta, reading=how, **words.together(over))
         except NotProved as error:
             trouble = error
     if certificate is None:

@@ -12,23 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import project, words
-from brdfcheck.cli.app import (
-    CosTheta,
-    Debug,
-    Define,
-    ExitCode,
-    Filter,
-    Include,
-    Json,
-    Over,
-    Returns,
-    Roles,
-    command,
-    filtered,
-    reading,
-    start,
-)
+from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Filter, Json, Over, command, filtered, start
 from brdfcheck.cli.output import Output
 from brdfcheck.cli.reports import Badge, Files, Html, JUnit, Sarif
 from brdfcheck.cores import available_cores
@@ -115,10 +101,7 @@ def check_command(
     ] = None,
     over: Over = None,
     cos_theta: CosTheta = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     tolerance: Tolerance = None,
     rtol: Rtol = None,
     substring: Filter = "",
@@ -135,7 +118,6 @@ def check_command(
     no_cache: project.NoCache = False,
     quiet: project.Quiet = False,
     watch: project.Watch = False,
-    debug: Debug = False,
 ) -> int:
     """The gate: do these BRDFs conserve energy?
 
@@ -145,7 +127,7 @@ def check_command(
     what the project's pyproject.toml or brdfcheck.toml lists (brdfcheck init writes one), or the validated catalogue.
     """
     files = Files(json, junitxml, sarif, badge, html)
-    how, ranges = reading(define, include, args, returns), words.together(over, lists=True)
+    ranges = words.together(over, lists=True)
     options = {"tolerance": tolerance, "rtol": rtol, "effort": effort}
     gate = None if names else project.gate(config, no_config)
     if gate is not None:
@@ -209,7 +191,6 @@ def _audit(
     rtol: Rtol = None,
     effort: Effort = "normal",
     jobs: Jobs = None,
-    debug: Debug = False,
 ) -> int:
     """What the literature claims about its BRDFs, and what is measured."""
     files = Files(json=json, html=html)

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, Define, ExitCode, Hold, Include, Json, Returns, Roles, asked, command, reading, start
+from brdfcheck.cli.app import PLAIN, ExitCode, Hold, Json, asked, command, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
-    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.brdf.subject import Target
     from brdfcheck.fits.factor import FactorFit
 
@@ -72,10 +72,7 @@ def _fit(
         typer.Option(help="Spacing of the exponents that least-squares and reciprocal look at. [default: geometric]"),
     ] = None,
     over: Hold = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     ladder: Annotated[
         bool,
         typer.Option("--ladder", help="Also compare forms of factor, from cheap to tight: their cost and the energy lost."),
@@ -88,7 +85,6 @@ def _fit(
             help='Write the albedo of the fitted BRDF; "-" writes source text to standard output.',
         ),
     ] = None,
-    debug: Debug = False,
 ) -> int:
     """The factor (n+A)/B that normalises a lobe, and the verdict on it.
 
@@ -114,7 +110,6 @@ def _fit(
         "precision": "float64",
     }
     output = Output(json, alone=export is not None and export[1] == "-")
-    how = reading(define, include, args, returns)
     return _run(settings | how.record, how, ladder, output, export)
 
 

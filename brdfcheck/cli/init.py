@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from brdfcheck.cli.app import Debug, ExitCode, NothingToCheck, command, start
+from brdfcheck.cli.app import ExitCode, NothingToCheck, command, start
 from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError
 
@@ -23,7 +23,6 @@ The list goes to the end of pyproject.toml where there is one, else into brdfche
 )
 def _init(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the list, and write nothing.")] = False,
-    debug: Debug = False,
 ) -> int:
     """List the BRDFs of this folder for brdfcheck check.
 

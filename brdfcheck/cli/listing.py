@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from brdfcheck import __version__
-from brdfcheck.cli.app import Debug, ExitCode, Filter, Json, command, filtered
+from brdfcheck.cli.app import ExitCode, Filter, Json, command, filtered
 from brdfcheck.cli.output import Output
 
 
@@ -15,7 +15,7 @@ Examples:
   brdfcheck list -k half
   brdfcheck list | grep Blinn""",
 )
-def _list(substring: Filter = "", json: Json = None, debug: Debug = False) -> int:
+def _list(substring: Filter = "", json: Json = None) -> int:
     """The catalogue: names, ranges, formulas, sources."""
     from brdfcheck.brdf import catalog
     from brdfcheck.output import records

@@ -82,7 +82,7 @@ class Output:
 
         Where there is no terminal, the latest text each `every` seconds on stderr.
         """
-        with _moving(self.terminal(), lambda parts: ()) as bar:
+        with moving(self.terminal(), lambda parts: ()) as bar:
             if bar is None:
                 yield _now_and_then("", every)
                 return
@@ -100,7 +100,7 @@ class Output:
             left = parts.TimeRemainingColumn(), parts.TextColumn("left")
             return parts.TextColumn(doing), parts.BarColumn(bar_width=32), parts.MofNCompleteColumn(), *left
 
-        with _moving(None if self._quiet else self.terminal(), columns) as bar:
+        with moving(None if self._quiet else self.terminal(), columns) as bar:
             if bar is None:
                 yield Progress(lambda: None, _now_and_then(doing, math.inf if self._quiet else every))
                 return
@@ -120,8 +120,11 @@ class Progress:
 
 
 @contextlib.contextmanager
-def _moving(stream: TextIO | None, columns: Callable[[Any], tuple[Any, ...]]) -> Iterator[Any]:
-    """rich's progress on a terminal, gone afterwards, with these `columns` of rich's module between spinner and text."""
+def moving(stream: TextIO | None, columns: Callable[[Any], tuple[Any, ...]], **options: Any) -> Iterator[Any]:
+    """rich's progress on a terminal, gone afterwards, with these `columns` of rich's module between spinner and text.
+
+    None where there is no terminal.
+    """
     if stream is None:
         yield None
         return
@@ -130,7 +133,8 @@ def _moving(stream: TextIO | None, columns: Callable[[Any], tuple[Any, ...]]) ->
 
     shown = parts.SpinnerColumn(), *columns(parts), parts.TextColumn("{task.description}", markup=False)
     console = Console(file=stream)
-    bar = parts.Progress(*shown, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
+    options |= {"console": console, "transient": True, "redirect_stdout": False, "redirect_stderr": False}
+    bar = parts.Progress(*shown, **options)
     with left_clean(stream), bar:
         yield bar
 

@@ -14,29 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
-from brdfcheck.cli.app import (
-    CosTheta,
-    Debug,
-    Define,
-    ExitCode,
-    Include,
-    Json,
-    Over,
-    Returns,
-    Roles,
-    asked,
-    command,
-    reading,
-    start,
-)
+from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Json, Over, asked, command, start
 from brdfcheck.cli.output import Output
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.brdf.subject import Target
 
 Curve = dict[str, Any]
@@ -116,10 +102,7 @@ def _plot(
         ),
     ] = None,
     cos_theta: CosTheta = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     scale: Annotated[
         Literal["log", "linear"] | None,
         typer.Option(help="Axis of the parameter. [default: log where the range is long]"),
@@ -139,7 +122,6 @@ def _plot(
     show: Annotated[
         bool, typer.Option("--show", help="Show the figure in a window; a file is then written only with -o.")
     ] = False,
-    debug: Debug = False,
 ) -> int:
     """Figures for a paper: albedos as curves and heat maps, factors."""
     ranges = words.together(over)
@@ -161,7 +143,6 @@ def _plot(
             raise UsageError(f"--output: {trouble}")
     words.refuse_same({"--output": target, "--json": json})
     values = None if n is None else n.values
-    how = reading(define, include, args, returns)
     settings = _Settings(kind, names, ranges, values, cos_theta, scale, y, samples, title, target, how)
     return _run(settings, Output(json), json, show)
 
@@ -317,7 +298,6 @@ def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output)
 
 
 def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
-    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves

@@ -18,7 +18,7 @@ from brdfcheck.cli import budget, certify, check, fit, init, listing, plot, rend
 from brdfcheck.cli.app import ExitCode, NothingToCheck, Task, app
 from brdfcheck.cli.output import discard, open_streams, unfailing
 from brdfcheck.interruption import leave
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import SweepError, UsageError, one_line
 
 _COMMANDS = (budget, certify, check, fit, init, listing, plot, render, study, sweep, table, view)
 # As one meets them, which is how they are listed.
@@ -106,6 +106,8 @@ def _ended(error: BaseException, debug: bool) -> int:
     code, text = ExitCode.INTERNAL_ERROR, f"internal error: {type(error).__name__}: {one_line(error)}"
     if isinstance(error, UsageError):
         code, text = ExitCode.USAGE_ERROR, str(error)
+    elif isinstance(error, SweepError):
+        text = str(error)
     elif isinstance(error, NothingToCheck):
         code, text = ExitCode.NOTHING_TO_CHECK, str(error)
     elif isinstance(error, (KeyboardInterrupt, typer.Abort)):

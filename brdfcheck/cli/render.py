@@ -7,17 +7,15 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
-from brdfcheck.cli.app import Debug, Define, ExitCode, Hold, Include, Returns, Roles, asked, command, reading, start
+from brdfcheck.cli.app import PLAIN, ExitCode, Hold, asked, command, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
-
-if TYPE_CHECKING:
-    from brdfcheck.brdf.readers.base import Reading
 
 Quality = Literal["draft", "normal", "high"]
 
@@ -79,10 +77,7 @@ def _render(
         ),
     ] = None,
     hold: Hold = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     target: Annotated[
         str | None,
         typer.Option(
@@ -104,11 +99,10 @@ def _render(
     quality: Annotated[Quality, typer.Option(help="1, 2 or 4 samples along each side of a pixel.")] = "normal",
     bits: Annotated[Literal["8", "16"] | None, typer.Option(help="Bits of each channel of a .png. [default: 8]")] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the presets, and render nothing.")] = False,
-    debug: Debug = False,
 ) -> int:
     """Render a preset, a scene, or a BRDF of your own to a file."""
     output = Output()
-    held, how = words.together(hold), reading(define, include, args, returns)
+    held = words.together(hold)
     if brdf is None and (held or not how.is_plain):
         what_for = "--set goes" if held else "-D, -I, --args and --returns go"
         raise UsageError(f"{what_for} with --brdf; a scene says it in its file")

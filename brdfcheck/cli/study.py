@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import logging
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from brdfcheck.cli.app import Debug, ExitCode, NothingToCheck, command, start
+from brdfcheck.cli.app import ExitCode, NothingToCheck, command, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
@@ -45,7 +45,6 @@ def _study(
     ] = None,
     size: Annotated[Size, typer.Option(help="How much to compute: small takes a few seconds.")] = "full",
     out: Annotated[str, typer.Option("--out", metavar="FOLDER", help="Where the reports go.")] = "reports",
-    debug: Debug = False,
 ) -> int:
     """Run a study: a question, its figure and its numbers."""
     names = list(dict.fromkeys(names or ()))
@@ -75,13 +74,13 @@ def _study(
             place = studies.write_report(study, record, reports)
         _wrote(study.name, time.perf_counter() - began, place, output)
     else:
-        failed = _run_several(chosen, size, reports, debug, output)
+        failed = _run_several(chosen, size, reports, output)
     with refused("--out", str(reports)):
         output.line(f"wrote {studies.write_gallery(reports)}")
     return ExitCode.FAILED if failed else ExitCode.PASSED
 
 
-def _run_several(chosen: list[Study], size: str, reports: Path, debug: bool, output: Output) -> int:
+def _run_several(chosen: list[Study], size: str, reports: Path, output: Output) -> int:
     """Run these, each in a process of its own. Returns how many failed."""
     from brdfcheck import studies
 
@@ -92,9 +91,7 @@ def _run_several(chosen: list[Study], size: str, reports: Path, debug: bool, out
             if end.code:
                 failed += 1
                 output.line(f"{end.name}  failed: {one_line(end.last_words)}")
-                if debug:
-                    with contextlib.suppress(OSError, ValueError):
-                        sys.stderr.write(end.output)
+                logging.getLogger("brdfcheck").debug("%s", end.output)
             else:
                 _wrote(end.name, end.seconds, reports / end.name, output)
     minutes = (time.perf_counter() - began) / 60

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from brdfcheck.cli.app import Debug, Define, ExitCode, Include, Returns, Roles, Task, app, reading, start
-from brdfcheck.cli.output import Output, left_clean
+from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.cli.app import PLAIN, ExitCode, command, start
+from brdfcheck.cli.output import Output, moving
 from brdfcheck.cli.reports import Html, versions
 from brdfcheck.interruption import Cleanup, say
 from brdfcheck.messages import UsageError
 
 if TYPE_CHECKING:
-    from brdfcheck.brdf.readers.base import Reading
     from brdfcheck.sweep import Plan, Progress, Summary
 
 # Without a terminal, a line so often (seconds).
@@ -25,7 +25,7 @@ _EVERY = 10.0
 _KEPT = "the chunks computed so far are kept: the same command goes on from here"
 
 
-@app.command(
+@command(
     "sweep",
     epilog="""\b
 Examples:
@@ -63,23 +63,12 @@ def _sweep(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print size, cells and an estimate; create nothing.")] = False,
     repair: Annotated[bool, typer.Option("--repair", help="Write again what is damaged in the store.")] = False,
     html: Html = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
-    debug: Debug = False,
-) -> Task:
+    how: Reading = PLAIN,
+) -> int:
     """Albedos over a grid of parameters and angles, into a Zarr store.
 
     The store holds albedo, error, evaluations, and seconds per chunk; xarray.open_zarr opens it.
     """
-    how = reading(define, include, args, returns)
-    return Task(lambda: _run(config, how, out, scheduler, html, dry_run=dry_run, repair=repair), debug)
-
-
-def _run(
-    config: str, how: Reading, out: str | None, scheduler: str | None, html: str | None, *, dry_run: bool, repair: bool
-) -> int:
     if html is not None and dry_run:
         raise UsageError("--html is made of a store that is filled; --dry-run fills none")
     if out is None and not dry_run:
@@ -91,7 +80,7 @@ def _run(
     settings = read_config(config, how)
     start()
     output = Output(None)
-    from brdfcheck.sweep import Plan, SweepError, estimate, fill
+    from brdfcheck.sweep import Plan, estimate, fill
 
     with contextlib.redirect_stdout(sys.stderr):
         try:
@@ -110,10 +99,6 @@ def _run(
             assert out is not None
             with Cleanup(lambda: say(_KEPT)), _progress(output, plan) as progress:
                 summary = fill(plan, out, scheduler=scheduler, repair=repair, progress=progress)
-        except SweepError as error:
-            with contextlib.suppress(OSError, ValueError):
-                print(f"brdfcheck: {error}", file=sys.stderr, flush=True)
-            return ExitCode.INTERNAL_ERROR
         except KeyboardInterrupt:
             if not dry_run:
                 with contextlib.suppress(OSError, ValueError):
@@ -180,62 +165,29 @@ def _time(seconds: float) -> str:
 
 @contextlib.contextmanager
 def _progress(output: Output, plan: Plan) -> Iterator[Callable[[Progress], None]]:
-    """A bar with rate and time left on a terminal, a line from time to time elsewhere."""
-    stream = output.terminal()
-    if stream is None:
-        yield _lines(plan)
-        return
-    from rich import progress as rich
-    from rich.console import Console
+    """A bar with rate and time left on a terminal, elsewhere a line from time to time and at the end."""
+    began = said = time.monotonic()
+    task: Any = None
 
-    bar = rich.Progress(
-        rich.SpinnerColumn(),
-        rich.TextColumn("sweeping"),
-        rich.BarColumn(bar_width=32),
-        rich.TaskProgressColumn(),
-        rich.TextColumn("{task.fields[chunks]} chunks, {task.fields[rate]}"),
-        rich.TimeRemainingColumn(),
-        rich.TextColumn("left"),
-        console=Console(file=stream),
-        transient=True,
-        redirect_stdout=False,
-        redirect_stderr=False,
-        speed_estimate_period=300,
-    )
-    with left_clean(stream), bar:
-        task: Any = None
-        began = time.monotonic()
+    def columns(parts: Any) -> tuple[Any, ...]:
+        left = parts.TimeRemainingColumn(), parts.TextColumn("left,")
+        return parts.TextColumn("sweeping"), parts.BarColumn(bar_width=32), parts.TaskProgressColumn(), *left
+
+    with moving(output.terminal(), columns, speed_estimate_period=300) as bar:
 
         def show(progress: Progress) -> None:
-            nonlocal task
-            rate = _rate(progress, time.monotonic() - began)
-            chunks = f"{progress.chunks}/{plan.chunks}"
-            if task is None:
-                task = bar.add_task("", total=plan.cells, completed=progress.cells, chunks=chunks, rate=rate)
-            else:
-                bar.update(task, completed=progress.cells, chunks=chunks, rate=rate)
+            nonlocal said, task
+            now, done = time.monotonic(), progress.cells - progress.cells_before
+            rate = f"{done / (now - began):.3g} cells/s" if done and now > began else "starting"
+            if bar is not None:
+                text = f"{progress.chunks}/{plan.chunks} chunks, {rate}"
+                task = bar.add_task(text, total=plan.cells, completed=progress.cells) if task is None else task
+                bar.update(task, completed=progress.cells, description=text)
+            elif now - said >= _EVERY or (progress.cells == plan.cells and done):
+                said = now
+                left = (plan.cells - progress.cells) * (now - began) / done if done else 0.0
+                with contextlib.suppress(OSError, ValueError):
+                    text = f"{progress.chunks} of {plan.chunks} chunks, {rate}, {_time(left)} left"
+                    print(text, file=sys.stderr, flush=True)
 
         yield show
-
-
-def _rate(progress: Progress, seconds: float) -> str:
-    done = progress.cells - progress.cells_before
-    return f"{done / seconds:.3g} cells/s" if done and seconds else "starting"
-
-
-def _lines(plan: Plan) -> Callable[[Progress], None]:
-    began = said = time.monotonic()
-
-    def show(progress: Progress) -> None:
-        nonlocal said
-        now = time.monotonic()
-        done = progress.cells - progress.cells_before
-        if now - said < _EVERY and not (progress.cells == plan.cells and done):
-            return
-        said = now
-        left = (plan.cells - progress.cells) * (now - began) / done if done else 0.0
-        text = f"{progress.chunks} of {plan.chunks} chunks, {_rate(progress, now - began)}, {_time(left)} left"
-        with contextlib.suppress(OSError, ValueError):
-            print(text, file=sys.stderr, flush=True)
-
-    return show

@@ -8,31 +8,15 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
-from brdfcheck.cli.app import (
-    CosTheta,
-    Debug,
-    Define,
-    ExitCode,
-    Include,
-    Json,
-    Over,
-    Returns,
-    Roles,
-    asked,
-    command,
-    reading,
-    start,
-)
+from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Json, Over, asked, command, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
-
-if TYPE_CHECKING:
-    from brdfcheck.brdf.readers.base import Reading
 
 _TABLES = ("csv", "npy", "exr", "dds", "hpp")
 _SOURCE = ("glsl", "hlsl", "h")
@@ -122,12 +106,8 @@ def _table(
         float | None,
         typer.Option(metavar="NUMBER", min=1e-12, max=0.1, help="Accuracy of the cells. [default: best; functions 1e-6]"),
     ] = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     json: Json = None,
-    debug: Debug = False,
 ) -> int:
     """Tables for renderers: albedos, split sum, compensation.
 
@@ -146,7 +126,6 @@ def _table(
                 raise UsageError(f"-o: {trouble}")
     words.refuse_same(seen)
     rows, columns = size or words.Size(64, 64)
-    how = reading(define, include, args, returns)
     settings = {
         "name": name,
         "over": words.together(over),

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import check, words
-from brdfcheck.cli.app import CosTheta, Debug, Define, ExitCode, Include, Over, Returns, Roles, command
+from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Over, command
 from brdfcheck.cli.output import Output
 from brdfcheck.cli.reports import address
 
@@ -32,10 +33,7 @@ def _view(
     ],
     over: Over = None,
     cos_theta: CosTheta = None,
-    define: Define = None,
-    include: Include = None,
-    args: Roles = None,
-    returns: Returns = "brdf",
+    how: Reading = PLAIN,
     tolerance: check.Tolerance = None,
     effort: check.Effort = "normal",
     jobs: check.Jobs = None,
@@ -44,15 +42,13 @@ def _view(
         typer.Option("-o", "--out", metavar="FILE", parser=words.file(".html", ".htm"), help="The file of the page."),
     ] = "brdfcheck.html",
     no_open: Annotated[bool, typer.Option("--no-open", help="Write the page, but open no browser.")] = False,
-    debug: Debug = False,
 ) -> int:
     """Check BRDFs and look at what was found in a browser.
 
     Heat maps of the albedo over parameters and angles, cuts, and spheres in a white furnace, with sliders.
     """
-    options: Any = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out, "debug": debug}
-    how = {"define": define, "include": include, "args": args, "returns": returns}
-    code = check.check_command(names=names, over=over, cos_theta=cos_theta, **how, **options)
+    options: Any = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out}
+    code = check.check_command(names=names, over=over, cos_theta=cos_theta, how=how, **options)
     opened = not no_open and code in (ExitCode.PASSED, ExitCode.FAILED) and _has_display() and webbrowser.open(address(out))
     Output().line(f"{out}: {'opened in a browser' if opened else f'open it in a browser: {address(out)}'}")
     return code

@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 from brdfcheck import plots
 from brdfcheck.plots.paper import wrapped
+from brdfcheck.studies import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # By the codes of `_instruments.stability.Outcome`.
 OUTCOMES = {"holds": "#DDEBDD", "loses digits": "#F5C86E", "lies": "#882255", "breaks": "#222222"}
+CELLS = (
+    "Cells of the matrix by outcome. Holds: relative error at most 1e-8 in float64, 1e-4 in float32. Lies: wrong by more"
+    " than the rule's own claim. Breaks: not finite, or wrong by half. Left out: cells for which a rule has no formula."
+)
+"""What the outcomes of albedos mean, for a page."""
 _PRECISIONS = ("float64", "float32")
 _LEFT_OUT = "left out"
 _ACROSS = 4
@@ -40,34 +46,13 @@ def _legend(figure: Figure, others: Mapping[str, str] = MappingProxyType({})) ->
     figure.legend(handles=handles, loc="lower center", ncols=len(known), frameon=False, fontsize=9, handlelength=2.4)
 
 
-def file_of(method: str) -> str:
-    """The name of the file of a method's map."""
-    return method.replace(", ", "-").replace(" ", "-") + ".png"
-
-
-def cells(counts: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and rows of a table of counts, as `_instruments.stability.counted` gives them."""
-    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
-    return ("method", "of", "precision", *OUTCOMES), rows
-
-
-def shown(counts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Markdown that shows the map of each method that was counted; where all that was looked at holds, it says so."""
-    failed = dict.fromkeys((row["method"] for row in counts), 0)
-    for row in counts:
-        failed[row["method"]] += sum(row[name] for name in OUTCOMES if name != "holds")
-    return [
-        f"`{method}`:\n\n![{method}]({file_of(method)})" if count else f"`{method}`: all that was looked at holds."
-        for method, count in failed.items()
-    ]
-
-
-def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
+def plot(record: Mapping[str, Any]) -> Figure:
     """A bar for each method, precision and quantity: which part of its cells became what.
 
-    `results`: mappings with method, dtype, `of` ("value", "d/dn", "d/dtheta") and outcomes, strings of digits, "-" for a cell
-    that is left out.
+    The results of the record: mappings with method, dtype, `of` ("value", "d/dn", "d/dtheta") and outcomes, strings of digits,
+    "-" for a cell that is left out.
     """
+    results = record["results"]
     methods = list(dict.fromkeys(result["method"] for result in results))
     quantities = list(dict.fromkeys(result["of"] for result in results))
     inches = 0.36 * len(methods) + 1.5
@@ -93,15 +78,33 @@ def shares(results: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def maps(
-    results: Sequence[Mapping[str, Any]], lobes: Mapping[str, Mapping[str, Any]], angles: Sequence[float], **_: Any
-) -> dict[str, bytes]:
-    """An `outcome_map` as PNG for each method of the results of which not everything holds, by `file_of`."""
-    methods = dict.fromkeys(result["method"] for result in results if set("".join(result["outcomes"])) - {"0", "-"})
+def pictures(record: Mapping[str, Any]) -> dict[str, bytes]:
+    """An `outcome_map` as PNG for each method of the record of which not everything holds."""
+    results, settings = record["results"], record["settings"]
     return {
-        file_of(method): plots.to_bytes(outcome_map(method, results, lobes, angles), ".png", widest=_WIDEST)
-        for method in methods
+        _file_of(method): plots.to_bytes(
+            outcome_map(method, results, settings["lobes"], settings["angles"]), ".png", widest=_WIDEST
+        )
+        for method in dict.fromkeys(result["method"] for result in results if set("".join(result["outcomes"])) - {"0", "-"})
     }
+
+
+def page(record: Mapping[str, Any], *words: str) -> str:
+    """The counts of a record below the first of these words, the others, and the map of each method; or that all holds."""
+    counts = record["summary"]["counts"]
+    rows = [(f"`{row['method']}`", *(str(value) for key, value in row.items() if key != "method")) for row in counts]
+    failed = dict.fromkeys((row["method"] for row in counts), 0)
+    for row in counts:
+        failed[row["method"]] += sum(row[name] for name in OUTCOMES if name != "holds")
+    maps = (
+        f"`{method}`:\n\n![{method}]({_file_of(method)})" if count else f"`{method}`: all that was looked at holds."
+        for method, count in failed.items()
+    )
+    return "\n\n".join((words[0], table(("method", "of", "precision", *OUTCOMES), rows), *words[1:], *maps))
+
+
+def _file_of(method: str) -> str:
+    return method.replace(", ", "-").replace(" ", "-") + ".png"
 
 
 def outcome_map(
@@ -111,7 +114,7 @@ def outcome_map(
 
     What was left out is white. The lobes of which all holds are named below.
 
-    `results` as in `shares`, with the lobe of each; `lobes`: label and parameters by name; `angles` in degrees.
+    `results` as in `plot`, with the lobe of each; `lobes`: label and parameters by name; `angles` in degrees.
     """
     own = [result for result in results if result["method"] == method]
     failed = {result["lobe"] for result in own if set("".join(result["outcomes"])) - {"0", "-"}}

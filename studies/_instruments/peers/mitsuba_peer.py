@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from _instruments.peers.peer import AbstractPeer, load, not_installed
+from _instruments.peers.peer import AbstractPeer, load
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.brdf.readers.mitsuba.runtime import variant
 from brdfcheck.quadrature.rule import Raw, checked_count
@@ -30,20 +30,14 @@ class MitsubaSampling(AbstractPeer):
     samples: int = eqx.field(static=True)
     visible: bool = eqx.field(static=True)
     name: ClassVar[str] = "mitsuba"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "mitsuba"
     ladder: ClassVar[tuple[Any, ...]] = (2**6, 2**8, 2**10, 2**12, 2**14, 2**16, 2**18)
     needs: ClassVar[str] = "Beckmann or GGX metal with F = 1 and masking='smith-separable'"
     random: ClassVar[bool] = True
-    on_host: ClassVar[bool] = True
 
     def __init__(self, samples: int = 2**14, visible: bool = True):
         self.samples = checked_count(samples, "samples", 2)
         self.visible = bool(visible)
-
-    @classmethod
-    def missing(cls) -> str | None:
-        return not_installed("mitsuba")
 
     def applies(self, core: Any, cos_theta: Any) -> bool:
         if isinstance(core, CookTorrance):

@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.quadrature.functions import host_evaluator
-from brdfcheck.quadrature.rule import AbstractRule, Raw
+from brdfcheck.quadrature.rule import AbstractRule, Raw, checked_accuracy
 
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 # A peer that is given a needle may refine without end: where to stop it.
 MAX_EVALUATIONS = 400_000
 
@@ -37,12 +36,14 @@ class AbstractPeer(AbstractRule):
     """
 
     package: eqx.AbstractClassVar[str]
+    family: ClassVar[str] = "peers"
+    on_host: ClassVar[bool] = True
     compiles: ClassVar[bool] = False
 
     @classmethod
-    @abc.abstractmethod
     def missing(cls) -> str | None:
         """None where the peer can run; else a message that says what is missing."""
+        return not_installed(cls.package)
 
     @abc.abstractmethod
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
@@ -53,6 +54,16 @@ class AbstractPeer(AbstractRule):
         if message is not None:
             raise PeerMissing(message)
         return self.compute(core, mu, key)
+
+
+class AbstractAdaptivePeer(AbstractPeer):
+    """A peer that refines until it has reached a tolerance. ValueError for one outside (0, 1)."""
+
+    tolerance: float = eqx.field(static=True)
+    ladder: ClassVar[tuple[Any, ...]] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+
+    def __init__(self, tolerance: float = 1e-6):
+        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
 
 def not_installed(package: str) -> str | None:

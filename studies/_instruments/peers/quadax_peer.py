@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from _instruments.peers.peer import TOLERANCES, AbstractPeer, load, not_installed
-from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, checked_accuracy, light, on_sphere
+from _instruments.peers.peer import AbstractAdaptivePeer, load, not_installed
+from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, light, on_sphere
 
 # Regions that the cubature may cut the square into.
 _REGIONS = 2000
@@ -60,24 +60,13 @@ def _cubature(core: Any, mu: Array, tolerance: Array) -> tuple[Array, Array, Arr
 
 
 @final
-class QuadaxNested(AbstractPeer):
-    """`quadax.quadgk` over the polar angle of `quadgk` over the azimuth. ValueError for a tolerance outside (0, 1)."""
+class QuadaxNested(AbstractAdaptivePeer):
+    """`quadax.quadgk` over the polar angle of `quadgk` over the azimuth."""
 
-    tolerance: float = eqx.field(static=True)
     name: ClassVar[str] = "quadax-nested"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "quadax"
-    ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a scalar function f(wi, wo) that JAX can trace"
-    on_host: ClassVar[bool] = True
     compiles: ClassVar[bool] = True
-
-    def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_accuracy(tolerance, "tolerance")
-
-    @classmethod
-    def missing(cls) -> str | None:
-        return not_installed("quadax")
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         before = _COUNTER.count
@@ -89,20 +78,13 @@ class QuadaxNested(AbstractPeer):
 
 
 @final
-class QuadaxCubature(AbstractPeer):
-    """`quadax.cubegm`, adaptive Genz-Malik cubature. ValueError for a tolerance outside (0, 1)."""
+class QuadaxCubature(AbstractAdaptivePeer):
+    """`quadax.cubegm`, adaptive Genz-Malik cubature."""
 
-    tolerance: float = eqx.field(static=True)
     name: ClassVar[str] = "quadax-cubature"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "quadax"
-    ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a function f(wi, wo) that JAX can trace"
-    on_host: ClassVar[bool] = True
     compiles: ClassVar[bool] = True
-
-    def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:

@@ -6,35 +6,20 @@ import math
 import warnings
 from typing import Any, ClassVar, final
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from _instruments.peers.peer import TOLERANCES, AbstractPeer, BudgetSpent, Integrand, load
-from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, checked_accuracy
+from _instruments.peers.peer import AbstractAdaptivePeer, BudgetSpent, Integrand, load
+from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw
 
 
 @final
-class ScipyQuad(AbstractPeer):
-    """`scipy.integrate.quad` over the polar angle of `quad` over the azimuth, told where the mirror direction is.
+class ScipyQuad(AbstractAdaptivePeer):
+    """`scipy.integrate.quad` over the polar angle of `quad` over the azimuth, told where the mirror direction is."""
 
-    ValueError for a tolerance outside (0, 1).
-    """
-
-    tolerance: float = eqx.field(static=True)
     name: ClassVar[str] = "scipy-quad"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "scipy"
-    ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
-    on_host: ClassVar[bool] = True
-
-    def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_accuracy(tolerance, "tolerance")
-
-    @classmethod
-    def missing(cls) -> str | None:
-        return None
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         quad = load("scipy.integrate").quad
@@ -49,23 +34,12 @@ class ScipyQuad(AbstractPeer):
 
 
 @final
-class ScipyDblquad(AbstractPeer):
-    """`scipy.integrate.dblquad` over the polar angle and the azimuth. ValueError for a tolerance outside (0, 1)."""
+class ScipyDblquad(AbstractAdaptivePeer):
+    """`scipy.integrate.dblquad` over the polar angle and the azimuth."""
 
-    tolerance: float = eqx.field(static=True)
     name: ClassVar[str] = "scipy-dblquad"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "scipy"
-    ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
-    on_host: ClassVar[bool] = True
-
-    def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_accuracy(tolerance, "tolerance")
-
-    @classmethod
-    def missing(cls) -> str | None:
-        return None
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         dblquad = load("scipy.integrate").dblquad
@@ -86,21 +60,11 @@ class ScipyDblquad(AbstractPeer):
 
 
 @final
-class ScipyCubature(AbstractPeer):
-    """`scipy.integrate.cubature` (SciPy 1.15 or newer), 21-point Gauss-Kronrod products, on arrays of points.
+class ScipyCubature(AbstractAdaptivePeer):
+    """`scipy.integrate.cubature` (SciPy 1.15 or newer), 21-point Gauss-Kronrod products, on arrays of points."""
 
-    ValueError for a tolerance outside (0, 1).
-    """
-
-    tolerance: float = eqx.field(static=True)
     name: ClassVar[str] = "scipy-cubature"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "scipy"
-    ladder: ClassVar[tuple[Any, ...]] = TOLERANCES
-    on_host: ClassVar[bool] = True
-
-    def __init__(self, tolerance: float = 1e-6):
-        self.tolerance = checked_accuracy(tolerance, "tolerance")
 
     @classmethod
     def missing(cls) -> str | None:

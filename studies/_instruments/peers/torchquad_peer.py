@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from _instruments.peers.peer import AbstractPeer, Integrand, load, not_installed
+from _instruments.peers.peer import AbstractPeer, Integrand, load
 from brdfcheck.quadrature.rule import Raw, checked_count
 
 
@@ -20,18 +20,12 @@ class TorchquadGauss(AbstractPeer):
 
     order: int = eqx.field(static=True)
     name: ClassVar[str] = "torchquad-gauss"
-    family: ClassVar[str] = "peers"
     package: ClassVar[str] = "torchquad"
     ladder: ClassVar[tuple[Any, ...]] = (8, 16, 32, 64, 128, 256, 512)
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
-    on_host: ClassVar[bool] = True
 
     def __init__(self, order: int = 64):
         self.order = checked_count(order, "order")
-
-    @classmethod
-    def missing(cls) -> str | None:
-        return not_installed("torchquad")
 
     def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         integrand = Integrand(core, mu)
@@ -43,15 +37,12 @@ class TorchquadGauss(AbstractPeer):
                 points = x.detach().cpu().numpy()
                 return torch.from_numpy(np.ascontiguousarray(integrand(points[:, 0], points[:, 1])))
 
-            found = (
-                load("torchquad")
-                .GaussLegendre()
-                .integrate(values, dim=2, N=self.order**2, integration_domain=torch.from_numpy(bounds))
-            )
+            domain: Any = torch.from_numpy(bounds)
         else:
-            found = (
-                load("torchquad")
-                .GaussLegendre()
-                .integrate(lambda x: integrand(x[:, 0], x[:, 1]), dim=2, N=self.order**2, integration_domain=bounds)
-            )
+            domain = bounds
+
+            def values(x: Any) -> Any:
+                return integrand(x[:, 0], x[:, 1])
+
+        found = load("torchquad").GaussLegendre().integrate(values, dim=2, N=self.order**2, integration_domain=domain)
         return Raw(float(found), np.inf, integrand.evaluations)

@@ -21,10 +21,8 @@ from _instruments.stability.references import Reference as Reference
 from _instruments.stability.references import label as label
 from _instruments.stability.references import read_references as read_references
 from _instruments.stability.survey import Job as Job
-from _instruments.stability.survey import counted as counted
-from _instruments.stability.survey import grid_of as grid_of
+from _instruments.stability.survey import measured as measured
 from _instruments.stability.survey import of_rules as of_rules
-from _instruments.stability.survey import survey as survey
 from _instruments.stability.verdicts import all_verdicts as all_verdicts
 from _instruments.stability.verdicts import false_verdicts as false_verdicts
 from _instruments.stability.verdicts import matrix_verdicts as matrix_verdicts

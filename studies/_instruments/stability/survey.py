@@ -92,8 +92,11 @@ def counted(results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{"method": method, "of": of, "dtype": dtype, **counts} for (method, of, dtype), counts in found.items()]
 
 
-def grid_of(references: Iterable[Reference]) -> dict[str, Any]:
-    """The matrix as figures need it: `lobes`, label and parameters by name, and `angles` in degrees."""
-    references = list(references)
-    lobes = {one.lobe: {"label": label(one.lobe), "parameters": one.parameters.tolist()} for one in references}
-    return {"lobes": lobes, "angles": [float(f"{angle:.4g}") for angle in np.degrees(np.arccos(references[0].cosines))]}
+def measured(jobs: Sequence[Job], references: Mapping[str, Reference]) -> dict[str, Any]:
+    """What a study gives: the `survey`, as `settings` label and parameters of the lobes and the `angles` in degrees, counts."""
+    results = survey(jobs, references)
+    lobes = {name: {"label": label(name), "parameters": one.parameters.tolist()} for name, one in references.items()}
+    cosines = next(iter(references.values())).cosines
+    angles = [float(f"{angle:.4g}") for angle in np.degrees(np.arccos(cosines))]
+    summary = {"counts": counted(results)}
+    return {"settings": {"lobes": lobes, "angles": angles}, "results": results, "summary": summary}
