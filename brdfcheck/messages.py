@@ -1,6 +1,9 @@
-"""What messages are made of. Imports nothing, so that a mistyped command is answered at once."""
+"""What messages are made of. Imports next to nothing, so that a mistyped command is answered at once."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
 
 
 class UsageError(ValueError):
@@ -18,6 +21,13 @@ class SweepError(Exception):
 
     What is already in the store stays there.
     """
+
+
+def one_of(value: Any, allowed: Iterable[str], name: str) -> Any:
+    """`value` itself; ValueError, which names what is allowed, where it is none of that."""
+    if value not in (known := tuple(allowed)):
+        raise ValueError(f"{name} must be one of {', '.join(known)}; got {value!r}")
+    return value
 
 
 def written(value: float) -> str:

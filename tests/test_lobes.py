@@ -195,7 +195,7 @@ def test_lambert() -> None:
 )
 @pytest.mark.parametrize("n", [-1e-9, -3, np.nan, np.inf, -np.inf, [1.0, -2.0]])
 def test_bad_exponents_are_refused(build, n) -> None:
-    with pytest.raises(ValueError, match="n must be a finite number >= 0; got") as caught:
+    with pytest.raises(ValueError, match="n must be finite and >= 0; got") as caught:
         build(n)
     assert str(n) in str(caught.value)
 
@@ -203,8 +203,8 @@ def test_bad_exponents_are_refused(build, n) -> None:
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Lambert(-0.1), "reflectance must be a finite number >= 0; got -0.1"),
-        (lambda: Lambert([0.5, np.nan]), "reflectance must be a finite number >= 0"),
+        (lambda: Lambert(-0.1), "reflectance must be finite and >= 0; got -0.1"),
+        (lambda: Lambert([0.5, np.nan]), "reflectance must be finite and >= 0"),
         (lambda: Schlick(1.0, "Half"), "form must be one of mirror, half; got 'Half'"),
         (lambda: KuijkBlake(1.0, ""), "form must be one of mirror, half; got ''"),
         (lambda: Lyon(1.0, 2, "retro"), "form must be one of mirror, half; got 'retro'"),

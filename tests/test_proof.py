@@ -399,6 +399,12 @@ def test_facets_over_several_parameters():
             certify(facets)
 
 
+def test_a_point_above_1_is_one_of_a_brdf_without_a_range():
+    assert certify(POINTS["kuijk-blake-phong-factor"][0]()).record["point"]["n"] == "1000"
+    with pytest.raises(NotProved, match="n = 2, is out of range"):
+        certify(brdfcheck.PerCosine(brdfcheck.Normalized(brdfcheck.Phong(3), brdfcheck.PhongExact())))
+
+
 @pytest.mark.parametrize("name", POINTS)
 def test_points_above_1_of_published_claims(name):
     certificate = certify(name)

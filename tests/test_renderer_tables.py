@@ -206,7 +206,7 @@ def test_what_is_no_table(mine):
     cases = {
         ("ggx", ("alpha", 0.1, 1.0), ("roughness", 0.1, 1.0)): "alpha and roughness have ranges",
         ("ggx", ("beta", 0.1, 1.0)): "no parameter 'beta'",
-        ("phong", ("n", -2.0, 3.0)): "n must be a finite number >= 0",
+        ("phong", ("n", -2.0, 3.0)): "n must be finite and >= 0",
         ("mine.py:plain", ("F0", 0.1, 1.0)): "k must be given a range",
         ("mine.py:missing",): "missing",
     }

@@ -291,7 +291,7 @@ def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
         (lambda: Term("blin-phong", n=3), KeyError, "did you mean"),
         (lambda: Term("blinn-phong"), ValueError, "blinn-phong needs its parameter n"),
         (lambda: Term("blinn-phong", n=3, m=2), ValueError, "has no parameter 'm'"),
-        (lambda: Term("blinn-phong", n=-3), ValueError, "n must be a finite number >= 0; got -3"),
+        (lambda: Term("blinn-phong", n=-3), ValueError, "n must be finite and >= 0; got -3"),
         (lambda: Term("lambert", -0.5), ValueError, "tint must be finite and >= 0; got -0.5"),
         (
             lambda: Term(BlinnPhong(3.0), 1.5, fresnel="exact"),

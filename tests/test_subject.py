@@ -218,7 +218,7 @@ def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
         ("sized", {"n": (1.0, 2.0), "k": (2.0, 4.0)}, "k is a whole number"),
         ("sized", {"n": (1.0, 2.0), "k": (3.0, 3.0)}, "k must be a positive even integer; got 3"),
         ("hard_coded", {"n": (1.0, 2.0)}, "k must be a positive even integer; got 15"),
-        ("factory", {"n": (-1.0, 2.0)}, "n must be a finite number >= 0; got -1"),
+        ("factory", {"n": (-1.0, 2.0)}, "n must be finite and >= 0; got -1"),
     ],
 )
 def test_parameters_are_checked_before_the_work(kinds: str, name: str, ranges: dict, message: str) -> None:
@@ -239,7 +239,7 @@ def test_catalogue_names() -> None:
     assert (target.family.ranges, target.family.cos_theta) == ({"n": (1.0, 2.0)}, (0.5, 1.0))
     for name, ranges, message in (
         ("fong", {}, "unknown BRDF 'fong'; did you mean phong"),
-        ("phong", {"n": (-1.0, 2.0)}, "phong at n=-1: n must be a finite number >= 0"),
+        ("phong", {"n": (-1.0, 2.0)}, "phong at n=-1: n must be finite and >= 0"),
         ("ggx", {"alpha": (0.0, 1.0)}, "alpha must be finite and > 0"),
     ):
         with pytest.raises(UsageError, match=message):

@@ -88,7 +88,7 @@ BAD_AXES = [
     ({"n": "a"}, "axes.n: must hold numbers; got 'a'"),
     ({"n": [3, 3]}, "axes.n: 3 is given twice"),
     ({"n": [1, 2.5, 2.5]}, "axes.n: 2.5 is given twice"),
-    ({"n": [-1.0]}, "n must be a finite number >= 0; got -1"),
+    ({"n": [-1.0]}, "n must be finite and >= 0; got -1"),
     ({"cos_theta": [0.5, 1.5]}, "axes.cos_theta: must lie in [0, 1]; got 1.5"),
     ({"cos_theta": [-0.1]}, "must lie in [0, 1]; got -0.1"),
     ({"cos_theta": [0.5, 1, 0.5]}, "axes.cos_theta: 0.5 is given twice"),

@@ -154,7 +154,7 @@ def test_ranges_of_a_family_can_be_narrowed() -> None:
         ("phong", {"rtol": 2.0}, ValueError, "rtol"),
         ("phong", {"effort": "best"}, ValueError, "effort must be one of quick, normal, thorough; got 'best'"),
         ("phong", {"effort": None}, ValueError, "effort must be one of"),
-        (Phong, {"n": (-1.0, 2.0)}, ValueError, "n must be a finite number >= 0"),
+        (Phong, {"n": (-1.0, 2.0)}, ValueError, "n must be finite and >= 0"),
         (3.0, {}, TypeError, "must be callable"),
         (None, {}, TypeError, "got NoneType"),
     ],

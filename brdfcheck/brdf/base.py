@@ -21,6 +21,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
@@ -53,12 +54,16 @@ def as_parameter(value: object, name: str = "a parameter") -> Array:
     return array.astype(float)
 
 
-def checked_form(form: str) -> Form:
-    """`form` itself if it is one of `FORMS`; ValueError otherwise."""
-    for known in FORMS:
-        if form == known:
-            return known
-    raise ValueError(f"form must be one of {', '.join(FORMS)}; got {form!r}")
+def checked_number(value: object, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Array:
+    """`as_parameter`; ValueError where it is not finite, outside of [`low`, `high`], or, with `above`, `low` itself."""
+    array = as_parameter(value, name)
+    if not isinstance(array, Tracer):
+        values = np.asarray(array)
+        good = np.isfinite(values) & (values <= high) & ((values > low) if above else (values >= low))
+        if values.size == 0 or not np.all(good):
+            bounds = f"{'>' if above else '>='} {low:g}{'' if high == np.inf else f' and <= {high:g}'}"
+            raise ValueError(f"{name} must be finite and {bounds}; got {value}")
+    return array
 
 
 class AbstractBRDF(eqx.Module):
@@ -250,11 +255,3 @@ class AbstractBSDF(eqx.Module):
     def with_core(self, core: AbstractBSDF) -> AbstractBSDF:
         """The BSDF with other parameters."""
         return core
-
-
-def checked_part(part: str) -> Part:
-    """`part` itself if it is one of `PARTS`; ValueError otherwise."""
-    for known in PARTS:
-        if part == known:
-            return known
-    raise ValueError(f"part must be one of {', '.join(PARTS)}; got {part!r}")

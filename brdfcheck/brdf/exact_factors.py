@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractZonalLobe, Form, checked_form
+from brdfcheck.brdf.base import FORMS, AbstractZonalLobe, Form
 from brdfcheck.brdf.factors import AbstractFactor
+from brdfcheck.messages import one_of
 from brdfcheck.numerics import gauss
 
 # The versine (the cosine) at which the lobe meets the horizon.
@@ -46,7 +47,7 @@ class TruncatedPowerExact(AbstractFactor):
     def __init__(self, k: int, form: str = "half", clamped: bool = True):
         if k < 1:
             raise ValueError(f"k must be at least 1; got {k}")
-        self.k, self.form, self.clamped = int(k), checked_form(form), bool(clamped)
+        self.k, self.form, self.clamped = int(k), one_of(form, FORMS, "form"), bool(clamped)
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         n, end = jnp.asarray(n), _END[self.form]
@@ -69,7 +70,7 @@ class SchlickExact(AbstractFactor):
     form: Form = eqx.field(static=True)
 
     def __init__(self, form: str = "mirror"):
-        self.form = checked_form(form)
+        self.form = one_of(form, FORMS, "form")
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         n = jnp.asarray(n)
@@ -110,7 +111,7 @@ class KuijkBlakeExact(AbstractFactor):
     form: Form = eqx.field(static=True)
 
     def __init__(self, form: str = "mirror"):
-        self.form = checked_form(form)
+        self.form = one_of(form, FORMS, "form")
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         n = jnp.asarray(n)

@@ -17,19 +17,18 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractHalves, AbstractMicrofacetLobe, AbstractZonalLobe, as_parameter, core_of
+from brdfcheck.brdf.base import (
+    AbstractBRDF,
+    AbstractHalves,
+    AbstractMicrofacetLobe,
+    AbstractZonalLobe,
+    as_parameter,
+    checked_number,
+    core_of,
+)
 from brdfcheck.messages import UsageError
 
 _TINY = 1e-18
-
-
-def _checked_positive(value: object, name: str) -> Array:
-    array = as_parameter(value, name)
-    if not isinstance(array, Tracer):
-        values = np.asarray(array)
-        if not np.all(np.isfinite(values) & (values > 0)):
-            raise ValueError(f"{name} must be finite and > 0; got {value}")
-    return array
 
 
 class AbstractFactor(eqx.Module):
@@ -71,7 +70,7 @@ class Constant(AbstractFactor):
     value: Float[Array, ""]
 
     def __init__(self, value: object):
-        self.value = _checked_positive(value, "the constant")
+        self.value = checked_number(value, "the constant", above=True)
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return jnp.broadcast_to(self.value, jnp.shape(n))
@@ -84,7 +83,7 @@ class Proportional(AbstractFactor):
     B: Float[Array, ""]
 
     def __init__(self, B: object):
-        self.B = _checked_positive(B, "B")
+        self.B = checked_number(B, "B", above=True)
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return n / self.B

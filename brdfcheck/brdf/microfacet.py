@@ -20,7 +20,8 @@ from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.brdf.base import AbstractMicrofacetLobe, as_parameter
+from brdfcheck.brdf.base import AbstractMicrofacetLobe, checked_number
+from brdfcheck.messages import one_of
 
 Masking = Literal["v-cavities", "smith-separable", "smith-correlated", "none"]
 MASKINGS: tuple[Masking, ...] = ("v-cavities", "smith-separable", "smith-correlated", "none")
@@ -76,18 +77,6 @@ def boundary_reflectance(cosine: Float[Array, "..."], index: Float[Array, "..."]
 FRESNELS = {"dielectric": fresnel_dielectric, "schlick": fresnel_schlick}
 
 
-def _checked(value: object, name: str, low: float, high: float, *, open_below: bool = False) -> Array:
-    array = as_parameter(value, name)
-    if not isinstance(array, Tracer):
-        values = np.asarray(array)
-        good = np.isfinite(values) & (values <= high) & ((values > low) if open_below else (values >= low))
-        if values.size == 0 or not np.all(good):
-            below = f"> {low:g}" if open_below else f">= {low:g}"
-            above = "" if high == np.inf else f" and <= {high:g}"
-            raise ValueError(f"{name} must be finite and {below}{above}; got {value}")
-    return array
-
-
 def _reflects_at_most_all(f0: object, weights: object) -> bool:
     """True where reflectances lie in [0, 1] and weights add up to 1 at most, as far as known: what is traced is not."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((f0, weights))):
@@ -95,12 +84,6 @@ def _reflects_at_most_all(f0: object, weights: object) -> bool:
     reflectances, shares = np.asarray(0.0 if f0 is None else f0), np.asarray(weights)
     rounding = 4 * np.finfo(float).eps
     return bool(np.all((reflectances >= 0) & (reflectances <= 1)) and np.all(shares >= 0) and np.sum(shares) <= 1 + rounding)
-
-
-def _choice(value: str, allowed: tuple[str, ...], name: str) -> str:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(allowed)}; got {value!r}")
-    return value
 
 
 class _FacetLobe(AbstractMicrofacetLobe):
@@ -263,17 +246,17 @@ class CookTorrance(_FacetLobe):
         masking: str = "v-cavities",
         fresnel: str = "dielectric",
     ):
-        self.m = _checked(m, "m", 0, np.inf, open_below=True)
-        self.f0 = None if f0 is None else _checked(f0, "f0", 0, 1)
-        self.weights = _checked(weights, "weights", 0, np.inf)
+        self.m = checked_number(m, "m", above=True)
+        self.f0 = None if f0 is None else checked_number(f0, "f0", high=1)
+        self.weights = checked_number(weights, "weights")
         self.passive = _reflects_at_most_all(f0, weights)
         if self.m.shape != self.weights.shape or self.m.ndim > 1:
             raise ValueError(
                 f"m and weights must both be numbers or both have shape (k,); got {self.m.shape} and {self.weights.shape}"
             )
-        self.convention = _choice(convention, CONVENTIONS, "convention")
-        self.masking = _choice(masking, MASKINGS, "masking")
-        self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
+        self.convention = one_of(convention, CONVENTIONS, "convention")
+        self.masking = one_of(masking, MASKINGS, "masking")
+        self.fresnel = one_of(fresnel, FRESNELS, "fresnel")
         if self.m.ndim and self.masking.startswith("smith"):
             raise ValueError("Smith masking belongs to one slope; with several slopes use masking='v-cavities'")
 
@@ -330,11 +313,11 @@ class GGX(_FacetLobe):
     long_tail: ClassVar[bool] = True
 
     def __init__(self, alpha: object, f0: object = None, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
-        self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
-        self.f0 = None if f0 is None else _checked(f0, "f0", 0, 1)
+        self.alpha = checked_number(alpha, "alpha", above=True)
+        self.f0 = None if f0 is None else checked_number(f0, "f0", high=1)
         self.passive = _reflects_at_most_all(f0, 1.0)
-        self.masking = _choice(masking, MASKINGS, "masking")
-        self.fresnel = _choice(fresnel, tuple(FRESNELS), "fresnel")
+        self.masking = one_of(masking, MASKINGS, "masking")
+        self.fresnel = one_of(fresnel, FRESNELS, "fresnel")
 
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2, over alpha: no tangent, no fourth power of alpha.

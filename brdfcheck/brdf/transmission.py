@@ -25,16 +25,26 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF, AbstractHalves, AbstractMicrofacetLobe, Part, Scale, checked_part
+from brdfcheck.brdf.base import (
+    PARTS,
+    AbstractBRDF,
+    AbstractBSDF,
+    AbstractHalves,
+    AbstractMicrofacetLobe,
+    Part,
+    Scale,
+    checked_number,
+)
 from brdfcheck.brdf.lobes import Lambert
-from brdfcheck.brdf.microfacet import GGX, CookTorrance, _checked, _choice, boundary_reflectance
+from brdfcheck.brdf.microfacet import GGX, CookTorrance, boundary_reflectance
+from brdfcheck.messages import one_of
 
 DISTRIBUTIONS = ("beckmann", "ggx")
 _TINY = 1e-18
 
 
 def _checked_index(value: object, name: str = "eta") -> Array:
-    array = _checked(value, name, 0, np.inf, open_below=True)
+    array = checked_number(value, name, above=True)
     if not isinstance(array, Tracer) and np.any(np.asarray(array) == 1):
         raise ValueError(f"{name} must not be 1: there is no boundary between equal media; got {value}")
     return array
@@ -68,8 +78,8 @@ class LambertTransmission(AbstractBSDF):
     scale: ClassVar[Scale] = "flux"
 
     def __init__(self, reflectance: object = 0.5, transmittance: object = 0.5):
-        self.reflectance = _checked(reflectance, "reflectance", 0, np.inf)
-        self.transmittance = _checked(transmittance, "transmittance", 0, np.inf)
+        self.reflectance = checked_number(reflectance, "reflectance")
+        self.transmittance = checked_number(transmittance, "transmittance")
 
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         through = jnp.asarray(wi)[..., 2] * jnp.asarray(wo)[..., 2] < 0
@@ -82,7 +92,7 @@ class LambertTransmission(AbstractBSDF):
             "reflected": self.reflectance,
             "transmitted": self.transmittance,
         }
-        return Lambert(parts[checked_part(part)])
+        return Lambert(parts[one_of(part, PARTS, "part")])
 
 
 # --- deltas ---
@@ -129,7 +139,7 @@ class AbstractSmooth(AbstractBSDF):
         return jnp.zeros(jnp.broadcast_shapes(jnp.shape(wi), jnp.shape(wo))[:-1], jnp.asarray(wi).dtype)
 
     def lit(self, below: Any = 0.0, part: str = "both") -> AbstractBRDF:
-        return Spread(self, jnp.asarray(below, float), checked_part(part))
+        return Spread(self, jnp.asarray(below, float), one_of(part, PARTS, "part"))
 
 
 @final
@@ -166,7 +176,7 @@ class ThinSheet(AbstractSmooth):
 
     def __init__(self, index: object = 1.5, transmittance: object = 1.0):
         self.index = _checked_index(index, "index")
-        self.transmittance = _checked(transmittance, "transmittance", 0, 1)
+        self.transmittance = checked_number(transmittance, "transmittance", high=1)
 
     def weights(self, cosine: Float[Array, "..."], below: Any = 0.0) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         share = boundary_reflectance(cosine, self.index)
@@ -201,9 +211,9 @@ class RoughDielectric(AbstractBSDF):
     scale: ClassVar[Scale] = "flux"
 
     def __init__(self, alpha: object, eta: object = 1.5, distribution: str = "ggx"):
-        self.alpha = _checked(alpha, "alpha", 0, np.inf, open_below=True)
+        self.alpha = checked_number(alpha, "alpha", above=True)
         self.eta = _checked_index(eta)
-        self.distribution = _choice(distribution, DISTRIBUTIONS, "distribution")
+        self.distribution = one_of(distribution, DISTRIBUTIONS, "distribution")
 
     @property
     def facets(self) -> GGX | CookTorrance:
@@ -240,7 +250,7 @@ class RoughDielectric(AbstractBSDF):
         return jnp.where(met, value * (1 - boundary_reflectance(jnp.clip(c, 0, 1), ratio)), 0)
 
     def lit(self, below: Any = 0.0, part: str = "both") -> LitFacets:
-        return LitFacets(self, jnp.asarray(below, float), checked_part(part))
+        return LitFacets(self, jnp.asarray(below, float), one_of(part, PARTS, "part"))
 
 
 @final

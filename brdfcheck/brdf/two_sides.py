@@ -19,10 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from brdfcheck.brdf.base import SCALES, AbstractBSDF, Part, Scale, checked_part
+from brdfcheck.brdf.base import PARTS, SCALES, AbstractBSDF, Part, Scale
 from brdfcheck.brdf.calling import directional, name_of
 from brdfcheck.brdf.family import Family
-from brdfcheck.messages import UsageError
+from brdfcheck.messages import UsageError, one_of
 
 BELOW = "below"
 """The parameter of what transmits: 0 for light from above, 1 for light from below the surface."""
@@ -55,7 +55,7 @@ class FunctionBSDF(AbstractBSDF):
         return self.function(wi, wo, **dict(self.held))
 
     def lit(self, below: Any = 0.0, part: str = "both") -> Folded:
-        return Folded(self, below, checked_part(part))
+        return Folded(self, below, one_of(part, PARTS, "part"))
 
 
 def bsdf(function: Any = None, *, eta: Any = 1.0, scale: str = "flux") -> Any:
@@ -71,8 +71,7 @@ def bsdf(function: Any = None, *, eta: Any = 1.0, scale: str = "flux") -> Any:
         number = isinstance(eta, (int, float, np.number, np.ndarray, jax.Array)) and np.ndim(eta) == 0
         if isinstance(eta, bool) or not number or not (np.isfinite(eta) and eta > 0):
             raise ValueError(f"eta must be a finite number > 0; got {eta!r}")
-    if scale not in SCALES:
-        raise ValueError(f"scale must be one of {', '.join(SCALES)}; got {scale!r}")
+    one_of(scale, SCALES, "scale")
     if function is None:
         return lambda written: bsdf(written, eta=eta, scale=scale)
     call = directional(function)
