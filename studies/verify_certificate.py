@@ -10,7 +10,7 @@ from decimal import Decimal, getcontext
 from fractions import Fraction as Q
 from functools import cache
 from itertools import pairwise
-from math import ceil, inf
+from math import ceil, factorial, inf
 
 UNIT = 10**120
 getcontext().prec = 140
@@ -38,16 +38,13 @@ class Ball:
         half = self.power(k // 2) if k > 1 else Ball(1)
         return half * half * self if k % 2 else half * half
 
-    def log(self):
-        return Ball(Q((Decimal(self.mid.numerator) / self.mid.denominator).ln()), self.rad / self.low + Q(1, UNIT))
-
 
 # Of atan(1/q), an alternating series, off by less than the next term; then Gauss's formula for pi.
 ATANS = [Ball(sum(Q((-1) ** i, (2 * i + 1) * q ** (2 * i + 1)) for i in range(60)), Q(1, q**120)) for q in (18, 57, 239)]
 PI = 48 * ATANS[0] + 32 * ATANS[1] + -20 * ATANS[2]
-PLACES = {"at most 1": "every angle of incidence", "above 1": "normal incidence"}
-KINDS = ("constant", "power", "schlick", "truncated-power")
 ROOT = Ball(Q(Decimal("0.5").sqrt()), Q(1, UNIT))
+NAMES = {"constant": "reflectance/pi", "kuijk-blake": "Kuijk and Blake's lobe of {0}", "power": "({0})^n"}
+NAMES |= {"schlick": "c/(n - n c + c) with c = {0}", "truncated-power": "{2}1 - n (1 - {0})/{1})^{1}"}
 
 
 def need(condition, why):
@@ -55,24 +52,32 @@ def need(condition, why):
         raise ValueError(why)
 
 
+def caps(x):
+    """1 - cos min(y, pi) integrated twice over y from 0 to x, over x."""
+    series = (Q((-1) ** (k + 1) * x ** (2 * k + 1)) / factorial(2 * k + 2) for k in range(1, 56))
+    return x + -1 * PI + (PI * PI + -4) * (1 / (2 * x)) if x > PI.low else Ball(sum(series), Q(1, UNIT))
+
+
 def raw(lobe, n):
     """The albedo at normal incidence of a lobe without its factor, over pi: the integral over the cosine c from c0 to 1."""
-    mirror, kind = lobe["form"] == "mirror", lobe["kind"]
+    mirror, kind, k = lobe["form"] == "mirror", lobe["kind"], lobe.get("k")
+    c0, weight, wave = (Ball(Q(0)), [0, 2], 2) if mirror else (ROOT, [0, -8, 0, 16], 4)
     if kind == "constant" or n == 0:
         return Ball(Q(1))
     if kind == "power":  # the antiderivative at 1, and at 1/sqrt 2 with u = 2^(-n/2)
         u = Ball(Q((Decimal(2).ln() * -n.numerator / (2 * n.denominator)).exp()), Q(1, UNIT))
         return Ball(2 / (n + 2)) if mirror else 16 / (n + 4) - 8 / (n + 2) + (4 / (n + 2) - 4 / (n + 4)) * u
-    c0, weight = (Ball(Q(0)), [0, 2]) if mirror else (ROOT, [0, -8, 0, 16])
+    if kind == "kuijk-blake":  # a mixture of caps: the mean over the triangle (p, q, 0), a divided difference
+        p, q = wave * (100 * n + 560) / (9 * n * n + 520 * n), wave * (10 * n + 650) / (50 * n + 317)
+        return (caps(q) + -1 * caps(p)) * (1 / (q - p))
     if kind == "schlick":  # of c^j/(n - (n-1) c), by recursion from the moments of c
         parts = [Q(1, j + 1) * (1 + -1 * c0.power(j + 1)) for j in range(len(weight) + 1)]
-        moments, d = parts[:], n - 1
-        parts[0] = (n + -d * c0).log() * (1 / d) if d else parts[0]
+        moments, d, x = parts[:], n - 1, n + (1 - n) * c0
+        parts[0] = Ball(Q((Decimal(x.mid.numerator) / x.mid.denominator).ln()), x.rad / x.low + Q(1, UNIT)) * (1 / (d or 1))
         for j in range(len(weight) if d else 0):
             parts[j + 1] = (n * parts[j] + -1 * moments[j]) * (1 / d)
         return sum((w * part for w, part in zip(weight, parts[1:], strict=True)), Ball(0))
-    k, rate, powers = lobe["k"], n / lobe["k"], []
-    s0 = 1 - rate + rate * c0
+    rate, powers, s0 = n / k, [], 1 + n / k * (c0 + -1)
     s0 = Ball(Q(0)) if lobe["clamped"] and s0.high <= 0 else s0
     for w in reversed(weight):  # the weight as a polynomial in s = 1 - rate (1 - c), by Horner's rule
         powers = [a / rate + b * (1 - 1 / rate) for a, b in zip([0, *powers], [*powers, 0], strict=True)]
@@ -80,19 +85,9 @@ def raw(lobe, n):
     return sum((a / rate * Q(1, k + i + 1) * (1 + -1 * s0.power(k + i + 1)) for i, a in enumerate(powers)), Ball(0))
 
 
-def words(lobe, factor):
-    power = "max(0, 1 - n (1 - C)/K)^K" if lobe.get("clamped") else "(1 - n (1 - C)/K)^K"
-    names = {"constant": "reflectance/pi", "power": "(C)^n", "schlick": "c/(n - n c + c) with c = C", "truncated-power": power}
-    name = names[lobe["kind"]].replace("C", {"mirror": "R.V", "half": "N.H"}[lobe["form"]]).replace("K", str(lobe.get("k")))
-    if isinstance(factor, str) or lobe["kind"] == "constant":
-        return f"{name}, divided by its albedo at normal incidence," if isinstance(factor, str) else name
-    form = "{constant}" if "constant" in factor else "(n + {A})/({B} pi)" if factor["pi"] else "(n + {A})/{B}"
-    return f"{form.format(**factor)} {name}"
-
-
 def check(c):
     """What the numbers of a certificate prove, in its words. ValueError where they do not."""
-    need(c["lobe"]["kind"] in KINDS, f"only {', '.join(KINDS)} are checked here: try brdfcheck certify --verify")
+    need(c["lobe"]["kind"] in NAMES, f"only {', '.join(NAMES)} are checked here: try brdfcheck certify --verify")
     lobe, factor, conserves, parts = c["lobe"], c["factor"], c["verdict"] == "CONSERVES", []
     ((x, (lo, hi)),), k, clamped = c["range"].items(), lobe.get("k", 1), lobe.get("clamped", True)
     low, high, limit, exact = Q(lo), inf if hi == "inf" else Q(hi), inf if clamped else k, isinstance(factor, str)
@@ -101,16 +96,21 @@ def check(c):
     steady = lobe["kind"] == "power" and lobe["form"] == "mirror"  # (n + A)/(n + 2) is monotone
     lambert = lobe["kind"] == "constant" and factor == {"A": "0", "B": "1", "pi": 1}
     need(x == ("reflectance" if lambert else "n") and (lambert or lobe["kind"] != "constant"), "the parameter")
+    name = NAMES[lobe["kind"]].format({"mirror": "R.V", "half": "N.H"}[lobe["form"]], k, "max(0, " if clamped else "(")
     if exact:
         need(conserves and factor == "reciprocal of the albedo", "the factor")
+        formula = f"{name}, divided by its albedo at normal incidence,"
         parts = [f"at most 1 for every n from {lo} to {hi} at every angle of incidence, and 1 at normal incidence"]
     else:
         A, slope = Q(factor.get("constant") or factor["A"]), "constant" not in factor
         scale = {1: Ball(Q(1)), 0: PI}[factor.get("pi", 0)] * (1 / Q(factor.get("B", 1)))
         need(scale.low > 0, "B must be positive")
         gain, at = (lambda n: slope * n + A), cache(lambda n: raw(lobe, n))
+        form = ("(n + {A})/({B} pi)" if factor["pi"] else "(n + {A})/{B}") if slope else "{constant}"
+        formula = name if lambert else f"{form.format(**factor)} {name}"
     for piece in [] if exact else c["cover"]:
-        below, nodes, onwards = piece["albedo"] == "at most 1", [Q(n) for n in piece["nodes"]], piece["onwards"]
+        below, place = {"at most 1": (True, "every angle of"), "above 1": (False, "normal")}[piece["albedo"]]
+        nodes, onwards = [Q(n) for n in piece["nodes"]], piece["onwards"]
         values = [scale * gain(n) * at(n) for n in nodes]
         need(all(v.high <= 1 if below else v.low > 1 for v in values), "at a node the albedo is on the other side of 1")
         for a, b in pairwise(nodes):  # below its chord, above the chords of the halves prolonged: raw albedos are convex in n
@@ -126,7 +126,7 @@ def check(c):
         end, last = (high, hi) if onwards else (nodes[-1], piece["nodes"][-1])
         need(tail or not onwards, f"past {nodes[-1]} it is not shown")
         need(low <= nodes[0] and nodes[-1] <= end <= high and (end <= limit or not below), "the boxes are out of range")
-        parts.append(f"{piece['albedo']} for every {x} from {piece['nodes'][0]} to {last} at {PLACES[piece['albedo']]}")
+        parts.append(f"{piece['albedo']} for every {x} from {piece['nodes'][0]} to {last} at {place} incidence")
     if conserves:
         need(len(parts) == 1 and parts[0].startswith(f"at most 1 for every {x} from {lo} to {hi} at"), "not all is covered")
     else:
@@ -135,8 +135,8 @@ def check(c):
         need(1 < Q(least) <= ball.low <= ball.high <= Q(most) and low <= n <= high, "the point")
         parts.insert(0, f"in [{least}, {most}] for {x} = {c['point'][x]} at normal incidence")
     proved = {"schema": "brdfcheck-certificate", "schema_version": 1, "verdict": "CONSERVES" if conserves else "VIOLATES"}
-    proved |= {"formula": words(lobe, factor), "theorems": ["normal incidence"] + ["convex in n"] * (not exact)}
-    proved["statement"] = f"The directional albedo of {proved['formula']} is {'; it is '.join(parts)}."
+    proved |= {"formula": formula, "theorems": ["normal incidence"] + ["convex in n"] * (not exact)}
+    proved["statement"] = f"The directional albedo of {formula} is {'; it is '.join(parts)}."
     need({key: c[key] for key in proved} == proved, f"proved is: {proved}")
     return f"{proved['verdict']}: {proved['statement']}"
 

@@ -15,6 +15,7 @@ from brdfcheck.brdf.subject import as_family
 from brdfcheck.messages import UsageError
 from brdfcheck.proof import NotProved, Rejected, certify, verify
 from brdfcheck.proof import enclosures as e
+from brdfcheck.proof.enclosures import Enclosed
 from brdfcheck.proof.hemisphere import Box, Cells, Hemisphere
 from brdfcheck.proof.operations import COVERED, evaluate
 from brdfcheck.proof.programs import Program, Uncovered
@@ -50,6 +51,38 @@ def brushed(wi, wo, k):
 
 def program(function, **ranges):
     return Program(as_family(function, ranges), COVERED)
+
+
+@pytest.mark.parametrize(("wave", "low", "high"), [(2, 0.769, 14), (4, 1.743, 55)], ids=["mirror", "half"])
+def test_kuijk_and_blakes_albedo_is_convex_where_the_lemma_rests_on_boxes(wave, low, high):
+    """docs/proofs.md: for smaller n P exceeds pi, for larger n Q is at most pi/2. e is (w(Q) - w(P))/(Q - P), `rate` de/dn."""
+
+    def rate(wi, wo, n):
+        def mean(x):  # w and dw/dx
+            beyond = jnp.maximum(x - jnp.pi, 0)
+            twice = x * x / 2 + jnp.cos(jnp.minimum(x, jnp.pi)) - 1 + beyond * beyond / 2
+            return twice / x, (x + jnp.maximum(x - jnp.pi, -jnp.sin(x))) / x - twice / (x * x)
+
+        p, q = wave * (100 * n + 560) / (n * (9 * n + 520)), wave * (10 * n + 650) / (50 * n + 317)
+        dp = -wave * (900 * n * n + 10080 * n + 291200) / jnp.square(n * (9 * n + 520))
+        dq = -wave * 29330 / jnp.square(50 * n + 317)
+        (a, da), (b, db) = mean(p), mean(q)
+        return (db * dq - da * dp - (b - a) / (q - p) * (dq - dp)) / (q - p) + 0 * wi[..., 0]
+
+    factor = brdfcheck.KuijkBlake(1.0, "mirror" if wave == 2 else "half").exact_factor()
+    for n in (low, 3.0, high):
+        before, after = (1 / np.pi / float(factor(jnp.asarray(n + h))) for h in (-1e-4, 1e-4))
+        assert float(rate(np.zeros(1), None, n)) == pytest.approx((after - before) / 2e-4, rel=1e-6)
+    nodes = low + (high - low) * np.linspace(0, 1, 100_001) ** 3
+    box = Enclosed((nodes[None, :-1], nodes[None, 1:]), (e.ONE,))
+    found = evaluate(program(rate, n=(low, high)), {}, e.point(np.zeros(3)), e.point(np.zeros(3)), [box])
+    assert found.jumps is None
+    assert found.undefined is None
+    (slope,) = found.slopes
+    assert slope is not None
+    assert slope[0].min() > 0
+    assert wave * (100 * low + 560) / (low * (9 * low + 520)) > np.pi
+    assert wave * (10 * high + 650) / (50 * high + 317) < np.pi / 2
 
 
 def test_a_family_with_one_per_cent_to_spare():

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import random
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
 import pytest
 
-from brdfcheck.proof.intervals import BITS, Interval, exp2, log, lower, pi, sqrt, upper
+from brdfcheck.proof.intervals import BITS, Interval, cos, exp2, log, lower, pi, sqrt, upper
 
 ULP = Fraction(1, 1 << BITS)
 
@@ -67,6 +68,11 @@ def test_enclosures_of_points_are_tight():
     for value in (Fraction(1, 3), Fraction(7), Fraction(10**6, 7)):
         for enclosed in (sqrt(value), log(value), exp2(-value)):
             assert upper(enclosed) - lower(enclosed) < 2**14 * ULP
+    for value in (Fraction(0), Fraction(1, 7), Fraction(22, 7), Fraction(-33, 5)):
+        twice, rest = 2 * cos(value) ** 2 - 1, cos(2 * value)
+        assert lower(twice - rest) <= 0 <= upper(twice - rest)
+        assert upper(rest) - lower(rest) < 2**18 * ULP
+        assert float(lower(rest)) == pytest.approx(math.cos(2 * value), abs=1e-15)
     assert upper(pi()) - lower(pi()) < 2**12 * ULP
     digits = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
     assert lower(pi()) < digits + Fraction(1, 10**70)

@@ -16,12 +16,11 @@ import numpy as np
 from jax.core import Tracer
 
 from brdfcheck.brdf.factors import Normalized, PerCosine, PhongExact
-from brdfcheck.brdf.lobes import KuijkBlake, Phong
+from brdfcheck.brdf.lobes import Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, bound, document, written
-from brdfcheck.proof.cover import LinearFactor, NotProved
+from brdfcheck.proof.cover import NotProved
 from brdfcheck.proof.intervals import lower, pi, sqrt
-from brdfcheck.proof.reading import factor_of
 
 Ends = tuple[Fraction, Fraction | None]
 
@@ -60,10 +59,7 @@ def point_of(brdf: Any) -> dict[str, Any] | None:
     base = brdf.base if type(brdf) is PerCosine else None
     if type(base) is Normalized and type(base.lobe) is Phong and type(base.factor) is PhongExact:
         return {"kind": "phong without cosine"}
-    if type(brdf) is not Normalized or type(brdf.lobe) is not KuijkBlake or brdf.lobe.form != "mirror":
-        return None
-    phongs = factor_of(brdf.factor, None, "KuijkBlake") == LinearFactor(Fraction(2), Fraction(2), 1)
-    return {"kind": "kuijk-blake with Phong's factor"} if phongs else None
+    return None
 
 
 def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends], cosine: Fraction) -> Certificate:
@@ -128,13 +124,7 @@ def _point(
     for name, (low, high) in ranges.items():
         if not low <= place[name] or (high is not None and place[name] > high):
             raise NotProved(f"the point above 1 that is known, {name} = {written(place[name])}, is out of range")
-    brdf = (
-        _facets(lobe)
-        if lobe["kind"] == "facets"
-        else {"phong without cosine": "(n + 2)/(2 pi) (R.V)^n/(N.L)"}.get(
-            lobe["kind"], "(n + 2)/(2 pi) times Kuijk and Blake's lobe about R"
-        )
-    )
+    brdf = _facets(lobe) if lobe["kind"] == "facets" else "(n + 2)/(2 pi) (R.V)^n/(N.L)"
     spots = " and ".join(f"{'cos(theta)' if name == 'cos_theta' else name} = {written(value)}" for name, value in place.items())
     return document(
         VIOLATES,
@@ -179,25 +169,4 @@ def _phong(ranges: Mapping[str, Ends], cosine: Fraction) -> tuple[dict[str, Frac
     return {"n": Fraction(2), "cos_theta": mu}, _rounded((1 + mu) ** 2 / (4 * mu)), "square of the cosine"
 
 
-def _kuijk_blake(ranges: Mapping[str, Ends], cosine: Fraction) -> tuple[dict[str, Fraction], Fraction, str]:
-    # sin a cos a >= a - (2/3) a^3; at n <= 1000 and n >= 10 both pieces lie within 90 degrees.
-    n = _within(ranges["n"], Fraction(1000))
-    if n < 10:
-        raise NotProved("no point above 1 is known in these ranges")
-    p, q = (n + Fraction("5.6")) / (n * (Fraction("0.09") * n + Fraction("5.2"))), (n + 65) / (5 * n + Fraction("31.7"))
-
-    def integral(coefficients: tuple[Fraction, ...], a: Fraction, b: Fraction) -> Fraction:
-        """Of the polynomial (lowest power first) times a - (2/3) a^3."""
-        total = Fraction(0)
-        for order, value in enumerate(coefficients):
-            total += value * (b ** (order + 2) - a ** (order + 2)) / (order + 2)
-            total -= value * (b ** (order + 4) - a ** (order + 4)) * Fraction(2, 3) / (order + 4)
-        return total
-
-    zero, spread = Fraction(0), q * (q - p)
-    near = integral((Fraction(1), zero, -1 / (p * q)), zero, p)
-    far = integral((q * q / spread, -2 * q / spread, 1 / spread), p, q)
-    return {"n": n, "cos_theta": Fraction(1)}, _rounded((n + 2) * (near + far)), "bound of the weight"
-
-
-_POINTS = {"phong without cosine": _phong, "kuijk-blake with Phong's factor": _kuijk_blake}
+_POINTS = {"phong without cosine": _phong}

@@ -164,6 +164,16 @@ def _twice_artanh(ratio: Interval) -> Interval:
     return total + Interval(0, 2 * term.high)
 
 
+def cos(value: Fraction) -> Interval:
+    """The cosine of an exact number: a series that alternates, and its terms fall once they are past the number."""
+    square, total, term, index = Interval.of(value * value), Interval.of(0), Interval.of(1), 0
+    while term.high > 1 or index < abs(value):
+        total += term * (-1) ** (index // 2)
+        index += 2
+        term = term * square * Fraction(1, index * (index - 1))
+    return total + Interval(-term.high, term.high)
+
+
 def exp2(value: Number | int) -> Interval:
     """2^value for value <= 0. ValueError above."""
     value = Interval.of(value)

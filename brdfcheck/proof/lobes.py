@@ -4,7 +4,7 @@ All are in units of pi: $e(n) = \frac1\pi \int f (N \cdot V)\, dV$ of the lobe w
 it is $\int_0^1 g\, 2(1-v)\, dv$ in the mirror form and $8 \int_0^{1-1/\sqrt2} g\, (1 - 5v + 6v^2 - 2v^3)\, dv$ in the half
 form. These weights are not negative, and each profile g falls with n and is convex in n at a fixed angle, being $c^n$, the
 power k >= 1 of max(0, affine) or 1/affine: so e falls with n and is convex, which is all that `cover` needs. (An even power
-without the max is convex, too, but rises again.)
+without the max is convex, too, but rises again. Of Kuijk and Blake's lobe e is convex though g is not: `docs/proofs.md`.)
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, final
 
-from brdfcheck.proof.intervals import Interval, Number, exp2, log, sqrt, upper
+from brdfcheck.proof.intervals import Interval, Number, cos, exp2, log, pi, sqrt, upper
 
 # The weight under the integral over the versine, and its derivatives, from the lowest power on.
 _WEIGHTS = {
@@ -184,7 +184,36 @@ class Rational(Profile):
         return f"c/(n - n c + c) with c = {self.axis}"
 
 
-KINDS: dict[str, type[Profile]] = {"constant": Constant, "power": Power, "truncated-power": TruncatedPower, "schlick": Rational}
+@final
+@dataclass(frozen=True)
+class Quadratics(Profile):
+    """Kuijk and Blake's lobe: quadratic in the angle up to p, another quadratic up to q, then 0."""
+
+    def albedo(self, n: Fraction) -> Number:
+        """Both pieces integrated by parts, against half a sine up to pi of the double or, in the half form, fourfold angle."""
+        if n == 0:
+            return Fraction(1)
+        scale = {"mirror": 2, "half": 4}[self.form]
+        p = scale * (n + Fraction("5.6")) / (n * (Fraction("0.09") * n + Fraction("5.2")))
+        q = scale * (n + 65) / (5 * n + Fraction("31.7"))
+        if p >= upper(pi()):
+            return 1 - (pi() * pi() - 4) * (1 / (2 * p * q))
+        # Where q lies past pi by less than 2^-250, not to cut there changes less than 2^-500.
+        end, cut = (Fraction(-1), (q - pi()) ** 2) if q >= upper(pi()) else (cos(q), Fraction(0))
+        return Fraction(1, 2) + (1 - cos(p)) / (p * q) + (cut * Fraction(1, 2) + end - cos(p)) / (q * (q - p))
+
+    @property
+    def formula(self) -> str:
+        return f"Kuijk and Blake's lobe of {self.axis}"
+
+
+KINDS: dict[str, type[Profile]] = {
+    "constant": Constant,
+    "power": Power,
+    "truncated-power": TruncatedPower,
+    "schlick": Rational,
+    "kuijk-blake": Quadratics,
+}
 _KIND_OF = {kind: name for name, kind in KINDS.items()}
 
 

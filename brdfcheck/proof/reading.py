@@ -16,22 +16,22 @@ import numpy as np
 from jax.core import Tracer
 
 from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.exact_factors import SchlickExact, TruncatedPowerExact
+from brdfcheck.brdf.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact
 from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, Normalized, PhongExact, Proportional
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
+from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.proof.cover import LinearFactor
 from brdfcheck.proof.lobes import Constant as ConstantProfile
-from brdfcheck.proof.lobes import Power, Profile, Rational, TruncatedPower
+from brdfcheck.proof.lobes import Power, Profile, Quadratics, Rational, TruncatedPower
 from brdfcheck.runtime import double_precision
 
 _MOST_PI = 64
 # What JAX makes of a number that goes somewhere as it is.
 _UNCHANGED = frozenset(("convert_element_type", "copy", "copy_p", "device_put"))
 _KNOWN = (
-    "Lambert, Phong, BlinnPhong, Schlick, Lyon and BinomialPower with a factor (n+A)/B, a constant or an exact one, and"
-    " CookTorrance and GGX"
+    "Lambert, Phong, BlinnPhong, Schlick, KuijkBlake, Lyon and BinomialPower with a factor (n+A)/B, a constant or an exact one,"
+    " and CookTorrance and GGX"
 )
 
 
@@ -131,6 +131,8 @@ def _profile(core: Any) -> Profile | None:
         return Power(core.form)
     if type(core) is Schlick:
         return Rational(core.form)
+    if type(core) is KuijkBlake:
+        return Quadratics(core.form)
     if type(core) is Lyon:
         return TruncatedPower(core.form, 2**core.w)
     if type(core) is BinomialPower:
@@ -153,6 +155,7 @@ def factor_of(factor: Any, profile: Profile | None, name: str) -> LinearFactor |
         return LinearFactor(exact(factor.value, "the constant"), constant=True)
     reciprocal = {
         BlinnPhongExact: lambda: profile == Power("half"),
+        KuijkBlakeExact: lambda: profile == Quadratics(factor.form),
         SchlickExact: lambda: profile == Rational(factor.form),
         TruncatedPowerExact: lambda: profile == TruncatedPower(factor.form, factor.k, factor.clamped),
     }.get(type(factor))
