@@ -65,6 +65,12 @@ def _maps() -> int:
         return 0
 
 
+def pytest_collection_finish() -> None:
+    """What is there by now stays: the collector of garbage need not go through it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def _no_annotations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests say for themselves whether they run as if on GitHub or with debugging."""

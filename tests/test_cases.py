@@ -125,14 +125,6 @@ NARROW = [
         place={"roughness": (math.sqrt(S2) / math.pi, 1e-4), "cos": (0.0, 1e-3)},
     ),
     Case(
-        "oren-nayar white",
-        cases.oren_nayar,
-        VIOLATES,
-        OREN_NAYAR,
-        {"roughness": (0.0, 1.0)},
-        place={"roughness": (math.sqrt(S2) / math.pi, 1e-4), "cos": (0.0, 1e-3)},
-    ),
-    Case(
         "clear coat, held",
         cases.coated,
         VIOLATES,
@@ -180,14 +172,6 @@ NARROW = [
 
 HELD = [
     Case("one parameter", cases.sixteenth, VIOLATES, 1.0016005217, N, place=AT_THE_PEAK, above=(14.303, 23.056)),
-    Case(
-        "two that take away",
-        cases.sixteenth_f90,
-        VIOLATES,
-        1.0016005217,
-        {**N, "ks": (0.0, 1.0), "f90": (0.0, 1.0)},
-        place={**AT_THE_PEAK, "ks": (1, 1e-6), "f90": (0, 1e-6)},
-    ),
     Case(
         "three that take away",
         cases.sixteenth_dull,
@@ -366,9 +350,9 @@ SIZES = [
 
 SIGNATURES = [
     Case("three arguments", cases.three_arguments, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
-    Case("three arguments, held", cases.three_arguments, CONSERVES, 0.9, {"n": (3.0, 3.0)}, place={"n": (3.0, 0.0)}),
-    Case("three arguments, bad", cases.three_arguments_bad, VIOLATES, 1.02, {"n": (1.0, 50.0)}, above=(1.0, 50.0)),
-    Case("a default", cases.three_arguments_default, CONSERVES, 0.9),
+    Case("three arguments, held", cases.three_arguments, CONSERVES, 0.054, {"n": (3.0, 3.0)}, place={"n": (3.0, 0.0)}),
+    Case("three arguments, bad", cases.three_arguments_bad, VIOLATES, 1.02, {"n": (1.0, 50.0)}, above=(50 / 1.02, 50.0)),
+    Case("a default", cases.three_arguments_default, CONSERVES, 0.09),
     Case("a default over a range", cases.three_arguments_default, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
     Case("on the line", cases.normalised_phong, (CONSERVES, UNDECIDED), 1.0, {"n": (1.0, 200.0)}, error=1e-8),
 ]
@@ -428,7 +412,7 @@ def right_albedo(case: Case, report: Report) -> bool:
     "case", [pytest.param(case, id=case.name.replace(" ", "-"), marks=[pytest.mark.bench] * case.slow) for case in ALL]
 )
 def test_case(case: Case) -> None:
-    report = check(case.target, effort=case.effort, **case.ranges)
+    report = check(case.target, effort=case.effort, intervals=case.above is not None, **case.ranges)
     text = str(report)
     assert report.verdict in (case.verdict if isinstance(case.verdict, tuple) else (case.verdict,)), text
     assert right_albedo(case, report), text
@@ -465,7 +449,8 @@ def test_the_axes_of_a_brushed_surface_need_not_be_those_of_the_box() -> None:
 
 
 def test_a_held_parameter_costs_nothing() -> None:
-    free, held = check(cases.sixteenth, **N), check(cases.sixteenth_ks, **N, ks=(1.0, 1.0))
+    free = check(cases.sixteenth, **N, effort="quick")
+    held = check(cases.sixteenth_ks, **N, ks=(1.0, 1.0), effort="quick")
     for name in ("verdict", "albedo", "error", "cos_theta", "above", "evaluations", "points", "climbs", "width", "basis"):
         assert getattr(held, name) == getattr(free, name), name
     assert held.parameters == {**free.parameters, "ks": 1.0}
@@ -521,7 +506,7 @@ def test_all_pairs_take_little_memory(name: str, effort: str, said: str) -> None
 
 
 def test_an_integrable_singularity_is_no_pole() -> None:
-    report = check(cases.singular_line)
+    report = check(cases.singular_line, effort="quick")
     assert report.verdict is not VIOLATES, str(report)
     assert report.unbounded is None
     assert abs(report.albedo - 0.839058) <= report.error
@@ -541,7 +526,7 @@ def file(monkeypatch: pytest.MonkeyPatch) -> str:
     ("words", "code", "said"),
     [
         (
-            "sixteenth_ks --over n=1:1000 --over ks=1",
+            "sixteenth_ks --over n=1:1000 --over ks=1 --effort quick",
             ExitCode.FAILED,
             r"VIOLATES +albedo 1\.0016005217 .*n=17\.8512 ks=1 .*exceeds 1 for n=14\.303\.\.23\.0561",
         ),
@@ -670,7 +655,7 @@ COSINE = "without the cosine of the rendering equation"
         ("pairs_of_angles", ExitCode.FAILED, r"to unpack.*index the last axis"),
         ("unpacked --effort quick", ExitCode.PASSED, r"CONSERVES(.|\n)*takes one pair of directions: called through jax\.vmap"),
         ("indexed --effort quick", ExitCode.PASSED, r"CONSERVES(.|\n)*takes one pair of directions: called through jax\.vmap"),
-        ("stepped --effort quick", ExitCode.FAILED, r"finding: .*not reciprocal"),
+        ("stepped --effort quick --rtol 1e-4", ExitCode.FAILED, r"finding: .*not reciprocal"),
         ("lambert_cos --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*0.31831 (.|\n)*{COSINE}"),
         ("lambert_incident --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*{COSINE}"),
         ("phong_cos --over n=1:100 --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*{COSINE}"),

@@ -223,14 +223,13 @@ def test_study_list(run: Run, here: Path) -> None:
 
 
 def test_a_study_writes_its_report_and_the_gallery(run: Run, here: Path) -> None:
-    code, out, err = run("study", "raw_albedo", "--size", "small")
+    code, out, err = run("study", "raw_albedo", "--size", "small", "--out", "deep/er")
     assert (code, err) == (ExitCode.PASSED, "")
     report, gallery = out.splitlines()
     assert report.startswith("raw_albedo  ")
-    assert report.endswith("wrote reports/raw_albedo: record.json, figure.png, figure.svg, summary.md")
-    assert gallery == "wrote reports/README.md"
-    assert sorted(os.listdir("reports/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
-    assert run("study", "raw_albedo", "--size", "small", "--out", "deep/er")[0] == ExitCode.PASSED
+    assert report.endswith("wrote deep/er/raw_albedo: record.json, figure.png, figure.svg, summary.md")
+    assert gallery == "wrote deep/er/README.md"
+    assert sorted(os.listdir("deep/er/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
     assert run("plot", "albedo-vs-n", "deep/er/raw_albedo/record.json")[0] == ExitCode.PASSED
 
 

@@ -25,6 +25,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHORTER = {
     "render furnace -o furnace.png": "--size 24 --quality draft",
     "check": "-k phong",
+    "check mine.py:glossy --over n=1:200": "--effort quick",
+    "check mine.py:glossy --over n=1:200 --html report.html": "--effort quick",
     "check --config gate.toml": "-k b",
     "audit": "-k phong-pdf",
 }

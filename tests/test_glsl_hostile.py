@@ -169,85 +169,11 @@ vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y)
 float lobe(float c, in float k) { return (k + 2.0) / (2.0 * PI) * pow(c, k); }
 ::end shader
 """
-_WORDS = (
-    *(
-        "(",
-        ")",
-        "{",
-        "}",
-        "[",
-        "]",
-        ";",
-        ",",
-        ".",
-        "#",
-        "##",
-        "\\\n",
-        "/*",
-        "*/",
-        "//",
-        '"',
-        "'",
-        "?",
-        ":",
-        "=",
-        "==",
-        "<<",
-        "%",
-        "~",
-    ),
-    *(
-        "float",
-        "vec3",
-        "mat2",
-        "int",
-        "uint",
-        "void",
-        "struct",
-        "const",
-        "in",
-        "out",
-        "return",
-        "if",
-        "else",
-        "for",
-        "while",
-        "do",
-    ),
-    *(
-        "switch",
-        "case",
-        "break",
-        "discard",
-        "#define A(x) x A(",
-        "#include",
-        "#if",
-        "#endif",
-        "#else",
-        "::end",
-        "::begin shader",
-    ),
-    *(
-        "1e999",
-        "0x",
-        "08",
-        "1.",
-        ".5f",
-        "4294967295u",
-        "é",
-        "\x00",
-        "\x1c",
-        "\ud7ff",
-        "nan",
-        "-1",
-        "PI",
-        "BRDF",
-        "L",
-        "N",
-        "ks",
-        "[]",
-    ),
-)
+_TOKENS = """
+( ) { } [ ] [] ; , . # ## /* */ // " ' ? : = == << % ~ float vec3 mat2 int uint void struct const in out return if else for
+while do switch case break discard #include #if #endif #else ::end 1e999 0x 08 1. .5f 4294967295u é nan -1 PI BRDF L N ks
+"""
+_WORDS = (*_TOKENS.split(), "\\\n", "#define A(x) x A(", "::begin shader", "\x00", "\x1c", "\ud7ff")
 
 
 def _damaged(number: random.Random, text: str) -> str:

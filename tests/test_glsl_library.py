@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from shaders import LIGHT, VIEW, evaluated, family
+from shaders import LIGHT, VIEW, family, folded, traced
 
 # Expressions in which `one` is a uniform of value 1; of a vector, the components are added with weights 1, 10, 100, 1000.
 VALUES: dict[str, float] = {
@@ -96,22 +96,27 @@ VALUES: dict[str, float] = {
 }
 
 
-@pytest.mark.parametrize("traced", [False, True], ids=["folded", "traced"])
-@pytest.mark.parametrize("expression", VALUES)
-def test_a_function_has_the_value_it_should(tmp_path: Path, expression: str, traced: bool) -> None:
-    text = f"uniform float one;\nfloat f(vec3 L, vec3 V, vec3 N) {{ return {expression}; }}\n"
-    expected = VALUES[expression]
-    assert evaluated(tmp_path, text, traced=traced) == pytest.approx(expected, rel=4e-15, abs=1e-15)
+TWO_RESULTS = (
+    "uniform float one;\nvec3 f(vec3 L, vec3 V, vec3 N) {"
+    "float w; vec2 v; int e; float a = modf(-2.75 * one, w); vec2 b = modf(vec2(1.5, 3.25) * one, v);"
+    " float m = frexp(12.0 * one, e); return vec3(a * 10.0 + w, b.y * 10.0 + v.y, m * 10.0 + float(e)); }"
+)
+SHADERS = {
+    **{name: f"uniform float one;\nfloat f(vec3 L, vec3 V, vec3 N) {{ return {name}; }}\n" for name in VALUES},
+    "two results": TWO_RESULTS,
+}
 
 
-@pytest.mark.parametrize("traced", [False, True], ids=["folded", "traced"])
-def test_functions_with_two_results(tmp_path: Path, traced: bool) -> None:
-    body = "float w; vec2 v; int e; float a = modf(-2.75 * one, w); vec2 b = modf(vec2(1.5, 3.25) * one, v);"
-    text = (
-        "uniform float one;\nvec3 f(vec3 L, vec3 V, vec3 N) {" + body + " float m = frexp(12.0 * one, e);"
-        " return vec3(a * 10.0 + w, b.y * 10.0 + v.y, m * 10.0 + float(e)); }"
-    )
-    assert evaluated(tmp_path, text, traced=traced) == pytest.approx([-9.5, 5.5, 11.5], rel=1e-14)
+@pytest.fixture(scope="module")
+def values(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    return traced(tmp_path_factory.mktemp("traced"), SHADERS)
+
+
+@pytest.mark.parametrize("name", SHADERS)
+def test_a_function_has_the_value_it_should(tmp_path: Path, values: dict[str, np.ndarray], name: str) -> None:
+    expected = pytest.approx(VALUES.get(name, [-9.5, 5.5, 11.5]), rel=4e-15, abs=1e-15)
+    assert folded(tmp_path, SHADERS[name]) == expected
+    assert values[name] == expected
 
 
 @pytest.mark.parametrize(
