@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
+import typing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from brdfcheck.gate import config
 from brdfcheck.gate.baseline import judged, needed, updated
 from brdfcheck.gate.config import Known
 from brdfcheck.messages import UsageError
+from brdfcheck.verdict.checks import CHECKS
 
 write, reports = projects.write, projects.reports
 
@@ -113,6 +115,10 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
         ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, inf] }', "over.n[1]: must be finite; got inf"),
         ('[[subjects]]\ntarget = "a.py:f"\nhold = { n = [1] }', "hold.n: must be a number, true or false, or the 2 to 4"),
         ('[[subjects]]\ntarget = "a.py:f"\nexpect = "fails"', 'expect: must be "conserves" or { violates = ALBEDO, reason'),
+        (
+            '[[subjects]]\ntarget = "a.py:f"\nexpect = { findings = ["recip"], reason = "x" }',
+            "findings[0]: must be one of 'rec",
+        ),
         ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = nan, reason = "x" }', "violates: must be above 1; got nan"),
         ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = 2, reason = " " }', "expect.reason: must not be empty"),
         ("][", "is not TOML"),
@@ -125,6 +131,10 @@ def test_4_with_one_line_for_what_is_wrong(run: Run, write: Write, text: str, sa
     assert said in err
     assert err.startswith("brdfcheck: brdfcheck.toml")
     assert err.count("\n") == 1
+
+
+def test_the_names_of_findings_are_those_of_the_checks_that_can_fail() -> None:
+    assert {*typing.get_args(config.Finding), "sides"} == {*CHECKS, "other"}
 
 
 @pytest.mark.parametrize(

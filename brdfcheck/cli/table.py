@@ -240,10 +240,10 @@ def _lines(settings: Mapping[str, Any], table: Any, added: Any, fits: Any, repor
             f" (the table of E itself would exceed 1 by {max(added.excess, 0):.2g})"
         )
     if report is not None:
-        found = "VIOLATES" if report.verdict.name == "VIOLATES" else "finds no violation"
-        lines.append(
-            f"  check        {found}: largest albedo {report.albedo:.5f} +- {report.error:.1g} ({report.verdict.name})"
-        )
+        found = f"{report.verdict.name}: largest albedo {report.albedo:.5f} +- {report.error:.1g}"
+        if report.verdict.name == "UNDECIDED" and added is not None:
+            found += f": the bar is wide; at {added.points[0]} x {added.points[1]} points of a finer grid it is at most 1"
+        lines.append(f"  check        {found}")
     if fits is not None:
         split = "" if fits.share is None else f", split sum within {fits.split_sum_error:.2g}"
         average = "" if fits.average is None else f", average within {fits.average.max_error:.2g}"

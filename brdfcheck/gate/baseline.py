@@ -69,7 +69,7 @@ def needed(reports: Sequence[Report], before: Known | None) -> Known | None:
     able = [report for report in reports if report.basis != "none"]
     above = [math.inf if report.unbounded else report.albedo for report in able if report.verdict.name == "VIOLATES"]
     undecided = any(report.verdict.name == "UNDECIDED" for report in able)
-    names = list(dict.fromkeys(name for report in able for name in defects(report)))
+    names: list[Any] = list(dict.fromkeys(name for report in able for name in defects(report)))
     if not (above or undecided or names):
         return None
     today = f"found on {date.today().isoformat()}; say here why it is accepted"

@@ -39,6 +39,8 @@ _Numbers = Annotated[list[float], Strict(False)]
 _Tolerance = Annotated[float, Field(ge=0, le=0.5)]
 _Rtol = Annotated[float, Field(ge=1e-16, le=0.5)]
 _Effort = Literal["quick", "normal", "thorough"]
+Finding = Literal["reciprocal", "positive", "finite", "pdf", "weight", "other"]
+"""The checks that can fail, by name (`brdfcheck.verdict.checks`, which is heavy), and what comes from none of them."""
 
 
 class Each(Model):
@@ -51,12 +53,12 @@ class Known(Model):
     """A violation that is accepted: how large it may be, the findings that may come with it, and why.
 
     `violates`: the largest albedo, ``inf`` where it grows without bound; `undecided`: no verdict is accepted too; `findings`:
-    names of checks that may fail, as reports have them ("reciprocal", "positive", "finite", ..., or "other").
+    names of checks that may fail, as reports have them.
     """
 
     violates: float | None = Field(None, gt=1, allow_inf_nan=True)
     undecided: bool = False
-    findings: list[str] = []  # noqa: RUF012 - pydantic copies it
+    findings: list[Finding] = []  # noqa: RUF012 - pydantic copies it
     reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 
     @model_validator(mode="after")
