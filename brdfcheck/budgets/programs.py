@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.budgets.knobs import Plan, plain
 from brdfcheck.budgets.scenes import Room, Scene
@@ -242,10 +242,10 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
     """What a surface reflects of a uniform surrounding: the albedos of its terms, by a rule in one dimension."""
     total = jnp.zeros((3,) + (1,) * cosine.ndim, cosine.dtype)
     for term in material.terms:
-        core = term.brdf.core
+        brdf, core = term.brdf, term.brdf.core
         if isinstance(core, Lambert):
             total = total + spread(light.intensity * term.albedo().astype(cosine.dtype), cosine.ndim)
-        elif isinstance(core, AbstractZonalLobe):
+        elif isinstance(core, AbstractZonalLobe) and isinstance(brdf, AbstractBRDF):
             core = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, core)
 
             def albedo(mu: Array, core: AbstractZonalLobe = core) -> Array:
@@ -255,7 +255,7 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
 
             flat = jnp.clip(cosine, 0, 1).reshape(-1)
             value = jax.lax.map(albedo, flat, batch_size=min(_BLOCK, flat.size)).reshape(cosine.shape)
-            factor = jnp.asarray(term.brdf.gain(jnp.ones((), cosine.dtype)), cosine.dtype)
+            factor = jnp.asarray(brdf.gain(jnp.ones((), cosine.dtype)), cosine.dtype)
             total = total + spread(light.intensity * term.tint, cosine.ndim) * (factor * value)
     return total
 
