@@ -198,7 +198,7 @@ def final_classes(module: ModuleType, kind: type) -> set[type]:
         if inspect.isclass(value)
         and issubclass(value, kind)
         and value.__module__ == module.__name__
-        and not inspect.isabstract(value)
+        and not value.__name__.startswith(("_", "Abstract"))
     }
 
 
