@@ -264,9 +264,13 @@ def test_a_normal_beside_two_directions():
     def one_pair(wi, wo, normal):
         return float(np.dot(normal, wi))
 
+    def framed(L, V, N, X, Y):
+        return np.sum(L * (N + 2 * X + 3 * Y), axis=-1)
+
     def exponent(wi, wo, N):
         return wi[..., 2] ** N
 
+    np.testing.assert_allclose(as_target(framed).family.build()(WI, WO), WI @ np.array([2.0, 3.0, 1.0]))
     family = as_target(arrays, {"n": (2.0, 2.0)}).family
     np.testing.assert_allclose(family.build(n=2.0)(WI, WO), WI[:, 2] ** 2 * WO[:, 0])
     assert family.notes == ("N is given the normal (0, 0, 1): with a range it is a parameter",)

@@ -206,6 +206,12 @@ def test_a_sweep_of_a_shader_with_options(run: Run, files: Path) -> None:
     assert code == ExitCode.USAGE_ERROR
 
 
+def test_a_sweep_over_the_field_of_a_struct(run: Run, files: Path) -> None:
+    (files / "a.slang").write_text("struct Matt { float k; float eval(float3 L, float3 V) { return k / 3.141592653589793; } };")
+    found = swept(run, files, 'brdf = "a.slang:eval"\n[axes]\n"this.k" = [0.25, 0.5]\ncos_theta = [0.5]\n')
+    np.testing.assert_allclose(found[:, 0], [0.25, 0.5], rtol=1e-7)
+
+
 def test_a_sweep_of_functions_of_one_pair(run: Run, files: Path) -> None:
     text = 'brdf = "mine.py:pair"\n[axes]\nn = [1.5, 10]\ncos_theta = [0.5, 1]\n'
     by_engine = swept(run, files, text)

@@ -31,6 +31,7 @@ DIRECTIONS = {name: role for role, names in _NAMES.items() for name in names}
 """Names under which people pass the two directions: "i" to the light, "o" to the viewer. Lower case."""
 NORMALS = "N, Ng, Ns, normal or nrm"
 """Names under which people pass the surface normal, for messages."""
+_TANGENTS = (("X", "Y"), ("tangent", "bitangent"))
 _OF_ANGLES = {
     "i": ("i", "in", "inc", "incident", "incoming", "l", "light"),
     "o": ("o", "out", "outgoing", "r", "refl", "reflected", "v", "view"),
@@ -69,9 +70,10 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
 
     Objects that are not callable, but have a method `eval` or `f`, stand for that. Arguments called like `ANGLES` are angles in
     radians: theta from the normal, phi from the x axis, in (-pi, pi]; h the half vector, d the light relative to it
-    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order, and
-    beside two directions called so an argument of `NORMALS` gets (0, 0, 1), but where its name is one of the `parameters`; the
-    function that is returned then has their names as `given_normal`, and `is_number`, true where it takes them for numbers.
+    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order. Beside two
+    directions called so, an argument of `NORMALS` gets (0, 0, 1), but where its name is one of the `parameters`, and X and Y
+    beside that get the axes along the surface; the function that is returned then has the names of the normal as
+    `given_normal`, and `is_number`, true where it takes them for numbers.
     """
     if isinstance(value, (AbstractBRDF, AbstractBSDF, type)):
         return value
@@ -87,10 +89,13 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
     if len(kinds) == len(angles) >= 2 and ("theta_d" in kinds or "phi_d" not in kinds):
         return _of_angles(value, angles, signature)
     normals = [item for item in given if is_normal(item.name) and item.name not in parameters]
-    first = [item for item in given if item not in normals][:2]
+    names = {item.name: item for item in given if item.name not in parameters}
+    # As BRDF Explorer has them: f(L, V, N, X, Y).
+    tangents = next(([names[x], names[y]] for x, y in _TANGENTS if normals and x in names and y in names), [])
+    first = [item for item in given if item not in normals and item not in tangents][:2]
     roles = [DIRECTIONS.get(item.name.lower()) for item in first]
     if normals and sorted(map(str, roles)) == ["i", "o"]:
-        return _with_normal(value, first[roles.index("i")], first[roles.index("o")], normals, signature)
+        return _with_normal(value, first[roles.index("i")], first[roles.index("o")], normals, tangents, signature)
     if roles == ["o", "i"]:
         return _renamed(value, lambda wi, wo, *more, **rest: value(wo, wi, *more, **rest), signature, first)
     return value
@@ -113,12 +118,20 @@ def _renamed(value: Any, brdf: Any, signature: inspect.Signature, gone: list[ins
 
 
 def _with_normal(
-    value: Any, i: inspect.Parameter, o: inspect.Parameter, normals: list[inspect.Parameter], signature: inspect.Signature
+    value: Any,
+    i: inspect.Parameter,
+    o: inspect.Parameter,
+    normals: list[inspect.Parameter],
+    tangents: list[inspect.Parameter],
+    signature: inspect.Signature,
 ) -> Any:
     def brdf(wi: Any, wo: Any, axis: tuple[int, int, int] = (0, 0, 1), **parameters: Any) -> Any:
         form: Any = jnp if isinstance(wi, jax.Array) else np
-        normal = form.zeros_like(wi) + form.asarray(axis, wi.dtype)
-        return value(**{i.name: wi, o.name: wo}, **{item.name: normal for item in normals}, **parameters)
+        axes = {item.name: axis for item in normals} | dict(
+            zip((item.name for item in tangents), ((1, 0, 0), (0, 1, 0)), strict=False)
+        )
+        frame = {name: form.zeros_like(wi) + form.asarray(axis, wi.dtype) for name, axis in axes.items()}
+        return value(**{i.name: wi, o.name: wo}, **frame, **parameters)
 
     def towards_normal(wi: Any, wo: Any, **parameters: Any) -> Any:
         return brdf(wi, wo, **parameters)
@@ -132,7 +145,7 @@ def _with_normal(
         # What takes the components one by one answers in their order.
         return up.shape == (3,) and not np.all(up == up[0]) and bool(np.allclose(up, np.roll(aside, -1)))
 
-    found = _renamed(value, towards_normal, signature, [i, o, *normals])
+    found = _renamed(value, towards_normal, signature, [i, o, *normals, *tangents])
     found.given_normal, found.is_number = tuple(item.name for item in normals), is_number
     return found
 

@@ -198,7 +198,7 @@ def _identifier(key: str) -> str:
 
 def _axis(name: str, spec: Any) -> Axis:
     """An axis from what the document says of it. ValueError where the values do not go together or leave their range."""
-    if not name.isidentifier():
+    if not all(part.isidentifier() for part in name.split(".")):
         raise ValueError(f"{shown(name)} is not the name of a parameter")
     if name in _RESERVED or name.endswith("_chunk"):
         raise ValueError(f"the store uses the name {name!r} itself; rename the parameter")
