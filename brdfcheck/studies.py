@@ -5,7 +5,8 @@ A study is a file with a docstring (question, command, answer) and three functio
 ``plot(record)`` the figure and ``summary(record)`` the page. This module finds the studies, runs them and writes
 ``record.json``, ``figure.png``, ``figure.svg``, ``summary.md``, and the gallery. A fourth function, ``pictures(record)``, may
 give more files that the page shows: their bytes by name. ``ALONE = True`` says that a study wants the machine for itself,
-because it times programs that use all cores; `run_all` runs the others side by side.
+because it times programs that use all cores; `run_all` runs the others side by side. ``GIVEN = "a folder of ..."`` says that it
+takes files and folders of its user, and what they are: ``run(size, given)``.
 """
 
 from __future__ import annotations
@@ -37,13 +38,14 @@ _GALLERY = "README.md"
 
 @dataclass(frozen=True)
 class Study:
-    """A study's file, and what it says of itself: question and answer, and whether it wants the machine for itself."""
+    """A study's file, and what it says of itself: question, answer, if it wants the machine for itself, what it may be given."""
 
     name: str
     path: Path
     question: str
     answer: str
     alone: bool = False
+    given: str = ""
 
 
 def folder() -> Path | None:
@@ -74,8 +76,11 @@ def _described(path: Path) -> Study:
     text = ast.get_docstring(tree) or ""
     question, _, rest = text.partition("\n\n")
     answer = re.search(r"^Answer: (.*?)(?:\n\n|\Z)", rest, re.DOTALL | re.MULTILINE)
-    alone = any(ast.unparse(line) == "ALONE = True" for line in tree.body)
-    return Study(path.stem, path, one_line(question), one_line(answer.group(1)) if answer else "", alone)
+    lines = (line for line in tree.body if isinstance(line, ast.Assign))
+    said = {ast.unparse(line.targets[0]): line.value for line in lines}
+    facts = {name: ast.literal_eval(said[name]) for name in ("ALONE", "GIVEN") if name in said}
+    answered = one_line(answer.group(1)) if answer else ""
+    return Study(path.stem, path, one_line(question), answered, facts.get("ALONE", False), facts.get("GIVEN", ""))
 
 
 def load(study: Study) -> ModuleType:
@@ -96,12 +101,17 @@ def load(study: Study) -> ModuleType:
     return module
 
 
-def record_of(study: Study, size: str) -> dict[str, Any]:
-    """Run a study and return its record, as it is written. ValueError for an unknown size."""
+def record_of(study: Study, size: str, given: Sequence[str | Path] = ()) -> dict[str, Any]:
+    """Run a study, on what it is given, and return its record, as it is written.
+
+    ValueError for an unknown size, and for files given to a study that takes none.
+    """
     if size not in SIZES:
         raise ValueError(f"size must be one of {', '.join(SIZES)}; got {size!r}")
+    if given and not study.given:
+        raise ValueError(f"the study {study.name} takes no files")
     began = time.perf_counter()
-    measured = load(study).run(size)
+    measured = load(study).run(size, *([given] if given else []))
     seconds = round(time.perf_counter() - began, 2)
     record = records.document(
         f"study {study.name}",

@@ -1,7 +1,7 @@
 """Which BRDFs of the literature conserve energy as people ship them, as shader files?
 
 Command: ``brdfcheck study shader_corpus``: the twelve files of ``_instruments/shaders``, written from the papers. For files of
-your own, give their folder in the environment variable BRDFCHECK_SHADERS.
+your own, ``--given FOLDER``.
 
 Answer: 6 of 12 do, 5 do not: Ward 1992 has no bound towards grazing, the principled model reaches 1.885 with everything turned
 up, Blinn-Phong with n + 8 reaches 1.0752, Oren and Nayar's model 1.0152, EON's approximate form 1.000146. Cook-Torrance comes
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,14 @@ from brdfcheck.studies import table
 __all__ = ["plot", "run", "summary"]
 
 OURS = Path(__file__).resolve().parent / "_instruments" / "shaders"
+GIVEN = "a folder of .brdf and .glsl files"
 SMALL = ("eon.glsl", "lambert.brdf")
 RANGES: dict[str, dict[str, Any]] = {"eon.glsl": {"roughness": (0.0, 1.0)}}
 
 
-def run(size: str = "full") -> dict[str, Any]:
+def run(size: str = "full", given: Sequence[str] = ()) -> dict[str, Any]:
     """Verdict, largest albedo and its place of each file; small: two of them, quickly."""
-    folder = Path(os.environ.get("BRDFCHECK_SHADERS") or OURS)
+    folder = Path(given[0]) if given else OURS
     files = sorted(path for path in folder.iterdir() if path.suffix in (".brdf", ".glsl"))
     if folder == OURS and size == "small":
         files = [path for path in files if path.name in SMALL]

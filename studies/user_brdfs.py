@@ -1,7 +1,6 @@
 """How long does `check` take for BRDFs as users write them, and does brute force ever find a larger albedo?
 
-Command: ``brdfcheck study user_brdfs``. For an older version's times, give the folder of its checkout in the environment
-variable BRDFCHECK_BASELINE.
+Command: ``brdfcheck study user_brdfs``. For an older version's times, ``--given`` the folder of its checkout.
 
 Answer: 4 to 26 seconds on two cores, 8 in the median, 1.2 times as fast as before in the median, 7 times at best and 0.3 at
 worst; brute force finds no larger albedo in any of 14 families, before it did in one.
@@ -16,9 +15,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import runpy
 import statistics
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -28,6 +27,7 @@ from brdfcheck import plots
 from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
+GIVEN = "the folder of an older version's checkout"
 SMALL = ("minnaert", "oren_nayar_numpy")
 BARS = {"before": "#BBBBBB", "now": "#0072B2", "kept": "#56B4E9"}
 
@@ -37,12 +37,12 @@ def instrument(name: str) -> SimpleNamespace:
     return SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parent / "_instruments" / f"{name}.py")))
 
 
-def run(size: str = "full") -> dict[str, Any]:
+def run(size: str = "full", given: Sequence[str | Path] = ()) -> dict[str, Any]:
     """All families (small: two of them, fewer points): checks now and before, and brute force."""
     families, scans, checks = (instrument(f"user_{part}") for part in ("families", "scan", "checks"))
-    here, baseline = Path(brdfcheck.__file__).parents[1], os.environ.get("BRDFCHECK_BASELINE")
+    here, baseline = Path(brdfcheck.__file__).parents[1], given[0] if given else None
     if baseline and not Path(baseline, "brdfcheck", "__init__.py").is_file():
-        raise ValueError(f"BRDFCHECK_BASELINE must be a folder that holds the package brdfcheck; got {baseline!r}")
+        raise ValueError(f"a folder that holds the package brdfcheck is needed; got {str(baseline)!r}")
     results, full = [], size == "full"
     for name in families.FAMILIES if full else SMALL:
         subject = families.FAMILIES[name]

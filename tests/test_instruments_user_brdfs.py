@@ -283,10 +283,9 @@ def record():
         return SimpleNamespace(**{**vars(own(name)), **({"check": check} if name == "user_checks" else {})})
 
     with pytest.MonkeyPatch.context() as patch, jax.numpy_dtype_promotion("standard"):
-        patch.setenv("BRDFCHECK_BASELINE", str(ROOT / "tests" / ".."))
         patch.setattr(module, "instrument", instrument)
         patch.setattr(studies, "load", lambda study: module)
-        return json.loads(studies.to_json(studies.record_of(STUDY, "small")))
+        return json.loads(studies.to_json(studies.record_of(STUDY, "small", [ROOT / "tests" / ".."])))
 
 
 def test_now_and_before(record, tmp_path):

@@ -32,6 +32,7 @@ Examples:
   brdfcheck study list
   brdfcheck study raw_albedo
   brdfcheck study all --size small --out quick
+  brdfcheck study shader_corpus --given my_shaders --out mine
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
 FOLDER/README.md. At full size a study takes less than two minutes on two cores, and all of them
@@ -45,6 +46,12 @@ def _study(
     ] = None,
     size: Annotated[Size, typer.Option(help="How much to compute: small takes a few seconds.")] = "full",
     out: Annotated[str, typer.Option("--out", metavar="FOLDER", help="Where the reports go.")] = "reports",
+    given: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH", help="A file or folder of yours, for studies that take some; may be repeated.", show_default=False
+        ),
+    ] = None,
 ) -> int:
     """Run a study: a question, its figure and its numbers."""
     names = list(dict.fromkeys(names or ()))
@@ -64,12 +71,17 @@ def _study(
             output.line(f"{study.name:<{width}}  {study.question}")
         return ExitCode.PASSED
     chosen = list(known.values()) if names == ["all"] else [_named(name, known) for name in names]
+    if given and (len(chosen) > 1 or not chosen[0].given):
+        takers = "; ".join(f"{study.name} ({study.given})" for study in known.values() if study.given)
+        raise UsageError(f"--given: is for one of the studies {takers}")
+    if missing := [path for path in given or () if not Path(path.partition("#")[0]).exists()]:
+        raise UsageError(f"--given: there is no {one_line(missing[0])!r}")
     reports, failed = _folder(out), 0
     if len(chosen) == 1:
         began = time.perf_counter()
         start()
         (study,) = chosen
-        record = studies.record_of(study, size)
+        record = studies.record_of(study, size, given or ())
         with refused("--out", str(reports)):
             place = studies.write_report(study, record, reports)
         _wrote(study.name, time.perf_counter() - began, place, output)

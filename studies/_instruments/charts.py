@@ -43,7 +43,11 @@ FLOOR = 1e-17
 _NO_DIGIT = 0.5
 # Sixteen units in the last place: which error below is the smallest is luck.
 ROUNDING = {"float64": 2.0**-48, "float32": 2.0**-19}
-_COSTS = {"warm_seconds": "seconds for one albedo, warm", "evaluations": "evaluations of the BRDF"}
+_COSTS = {
+    "warm_seconds": "seconds for one albedo, warm",
+    "batched_seconds": "seconds for each albedo of a batch",
+    "evaluations": "evaluations of the BRDF",
+}
 
 
 def frontier(points: Sequence[tuple[float, float]], rounding: float = 0.0, most: float = math.inf) -> list[tuple[float, float]]:
@@ -89,7 +93,7 @@ def label_places(
 def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", columns: int = 3) -> Figure:
     """One panel for each case of the records: each rule's errors joined faintly, the frontier of all of them bold.
 
-    `records`: objects of `WorkPrecision.to_json_object`. `cost`: "warm_seconds" or "evaluations".
+    `records`: objects of `WorkPrecision.to_json_object`. `cost`: one of `_COSTS`.
     """
     from matplotlib.lines import Line2D
 

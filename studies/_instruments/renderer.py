@@ -1,55 +1,23 @@
-r"""What renderers use instead of a table with error bars: published fits of GGX's split sum, and a plain rule in numpy.
-
-All for GGX with height-correlated Smith masking (Karis' own table has the separable term of Schlick's form with k = alpha/2,
-which his approximation therefore fits) and Schlick's Fresnel term: the albedo is F0 scale + bias.
-"""
+"""Other ways to make a table of albedos: a plain rule in numpy, Mitsuba's sampling, scipy's `dblquad` compiled by numba."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck import GGX, albedo_table
+from _instruments import timing
+from _instruments.peers import metal_table
+from brdfcheck import GGX, CookTorrance, albedo_table
+from brdfcheck.cores import available_cores
 from brdfcheck.plots import superscript
 
 # Of Mitsuba's sampling: samples of a cell, and cells.
 _SAMPLES, _CELLS = (2**10, 2**14), 24
-
-Pair = tuple[np.ndarray, np.ndarray]
-
-
-def materialx(roughness: np.ndarray, mu: np.ndarray) -> Pair:
-    """MaterialX's rational quadratic fit to Monte Carlo data, in mu and alpha = roughness^2, clamped to [0, 1]."""
-    x, y = mu, roughness**2
-    terms = np.stack(np.broadcast_arrays(np.ones_like(x * y), x, y, x * y, x * x, y * y, x * x * y, x * y * y, (x * y) ** 2))
-    coefficients = np.array(
-        [
-            [0.1003, -0.6303, 9.748, -2.038, 29.34, -8.245, -26.44, 19.99, -5.448],
-            [0.9345, -2.323, 2.229, -3.748, 1.424, -0.7684, 1.436, 0.2913, 0.6286],
-            [1.0, -1.765, 8.263, 11.53, 28.96, -7.507, -36.11, 15.86, 33.37],
-            [1.0, 0.2281, 15.94, -55.83, 13.08, 41.26, 54.9, 300.2, -285.1],
-        ]
-    )
-    a, b, c, d = np.tensordot(coefficients, terms, 1)
-    return np.clip(a / c, 0, 1), np.clip(b / d, 0, 1)
-
-
-def karis_mobile(roughness: np.ndarray, mu: np.ndarray) -> Pair:
-    """Karis' approximation for mobile hardware (2014), in mu and roughness; three.js uses it too."""
-    x, y, z, w = (roughness * slope + start for slope, start in ((-1, 1), (-0.0275, 0.0425), (-0.572, 1.04), (0.022, -0.04)))
-    a = np.minimum(x * x, np.exp2(-9.28 * mu)) * x + y
-    return -1.04 * a + z, 1.04 * a + w
-
-
-FITS: Mapping[str, Callable[[np.ndarray, np.ndarray], Pair]] = MappingProxyType(
-    {"MaterialX, rational": materialx, "Karis 2014, mobile": karis_mobile}
-)
 
 
 def numpy_table(
@@ -111,21 +79,29 @@ def mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
     return found
 
 
-def formula(name: str, scale: Any, bias: Any, ours: Any, nodes: Any) -> dict[str, Any]:
-    """How far a pair is off: the largest errors, where, and by row."""
-    errors = [np.abs(scale - ours.scale[0]), np.abs(bias - ours.bias[0]), np.abs(scale + bias - ours.grid.values)]
-    i, j = np.unravel_index(np.argmax(errors[2]), errors[2].shape)
-    return {
-        "name": name,
-        "scale": float(errors[0].max()),
-        "bias": float(errors[1].max()),
-        "E": float(errors[2].max()),
-        "rms": float(np.sqrt(np.mean(errors[2] ** 2))),
-        "roughness": float(nodes[i]),
-        "cos_theta": float(nodes[j]),
-        "above_1": int(np.sum(scale + bias > 1)),
-        "by_row": [float(value) for value in errors[2].max(axis=1)],
-    }
+def metal() -> tuple[list[dict[str, Any]], str | None]:
+    """The table of Beckmann metal that others make too, by us and by scipy on all cores; why scipy's is missing, if it is."""
+    nodes = (np.arange(32) + 0.5) / 32
+    exact = metal_table.slope_table(nodes, nodes)
+    found = []
+
+    def add(way: str, setting: str, spent: float, values: Any, claimed: float | None = None) -> None:
+        error = float(np.max(np.abs(values - exact)))
+        found.append({"way": way, "setting": setting, "seconds": spent, "error": error, "claimed": claimed, "job": "Beckmann"})
+
+    for rtol in (1e-6, 1e-10):
+
+        def table(rtol: float = rtol) -> tuple[np.ndarray, np.ndarray]:
+            made = albedo_table(lambda m: CookTorrance(m, masking="smith-separable"), nodes, nodes, rtol=rtol)
+            return np.asarray(made.value), np.asarray(made.error)
+
+        value, error = table()
+        add("brdfcheck", f"rtol {rtol:g}", timing.fastest(table, 5), value, float(np.max(error)))
+    if (message := metal_table.missing()) is None:
+        cores = len(available_cores())
+        values, spent = metal_table.scipy_table(nodes, nodes, cores)
+        add("scipy with numba", f"dblquad, {cores} processes", spent, values)
+    return found, message
 
 
 def decades(ticks: Callable[..., object], powers: range) -> None:

@@ -22,6 +22,8 @@ from brdfcheck.cores import on_one_core
 from brdfcheck.output import records
 from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 
+# Albedos of a batch, and the evaluations of one beside which the cost of a call is nothing.
+BATCH, _MANY = 64, 2**15
 # Budgets after which a peer that compiles nothing is not run a second time.
 _MUCH = 10
 
@@ -32,7 +34,9 @@ class WorkPrecision:
 
     `error` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs. `claimed` is
     what the rule says of itself, also relative (NaN where it says nothing). `evaluations` of the BRDF for one albedo.
-    `warm_seconds`: the fastest repeat, on one core; `compile_seconds`: what the first call, on all cores, took beyond that.
+    `warm_seconds`: the fastest repeat, on one core; `batched_seconds`: of each of `BATCH` in one call, the fastest of three,
+    where the rule is a program and evaluates so little that the call counts, else the same; `compile_seconds`: what the first
+    call, on all cores, took beyond `warm_seconds`.
     `parameter` is the exponent n, or the slope m of a microfacet lobe.
     """
 
@@ -49,6 +53,7 @@ class WorkPrecision:
     claimed: float
     evaluations: int
     warm_seconds: float
+    batched_seconds: float
     compile_seconds: float
     status: str
     dtype: str
@@ -58,7 +63,7 @@ class WorkPrecision:
     def to_json_object(self) -> dict[str, Any]:
         """All fields but the versions, which a record holds once, ready for strict JSON; times to four digits."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "versions"}
-        fields |= {name: float(f"{fields[name]:.4g}") for name in ("warm_seconds", "compile_seconds")}
+        fields |= {name: float(f"{fields[name]:.4g}") for name in fields if name.endswith("_seconds")}
         return records.plain(fields)
 
 
@@ -111,6 +116,10 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
             warm, spent = min(warm, seconds), spent + seconds
             if spent > budget:
                 break
+        batched = warm
+        if not rule.on_host and int(answer.evaluations) < _MANY:
+            several = jnp.full(BATCH, mu)
+            batched = min([_timed(program, case.brdf, several, keys[0])[0] for _ in range(4)][1:]) / BATCH
     answers = [answer, *(program(case.brdf, mu, key) for key in keys[1:])]
     values = np.array([float(part.value) for part in answers])
     errors = np.abs(values - case.reference) / abs(case.reference)
@@ -132,6 +141,7 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
         claimed=claimed if math.isfinite(claimed) else math.nan,
         evaluations=int(chosen.evaluations),
         warm_seconds=warm,
+        batched_seconds=batched,
         compile_seconds=max(first - warm, 0.0),
         status=MESSAGES[int(chosen.status)],
         dtype=str(case.dtype),

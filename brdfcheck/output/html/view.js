@@ -312,10 +312,13 @@ class Explorer {
       if (upright) this.label(context, shown(value), x, height - 24, "center");
       else this.label(context, shown(value), left - 8, y, "right");
     }
-    if (!upright) {
-      for (const value of axisTicks(axis, 6)) {
-        this.label(context, `${shown(value)}${unitOf(axis.name)}`, left + positionOf(axis, value) * w, height - 24, "center");
-      }
+    let free = -Infinity; // to the right of the last label: on a phone not all have room
+    for (const value of upright ? [] : axisTicks(axis, 6)) {
+      const text = `${shown(value)}${unitOf(axis.name)}`;
+      const x = left + positionOf(axis, value) * w;
+      if (x - 4 * text.length < free) continue;
+      this.label(context, text, x, height - 24, "center");
+      free = x + 4 * text.length;
     }
     this.label(context, upright ? "E" : axis.name === "angle" ? "angle of incidence" : axis.name, left + w / 2, height - 8, "center");
     this.stroke(context, this.ink.bad, 1.5, [place(0, 1), place(1, 1)], [5, 4]);
