@@ -16,8 +16,16 @@ import numpy as np
 from jax.core import Tracer
 
 from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.exact_factors import SchlickExact, TruncatedPowerExact
-from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, Normalized, PhongExact, Proportional
+from brdfcheck.brdf.factors import (
+    BlinnPhongExact,
+    Constant,
+    Factor,
+    Normalized,
+    PhongExact,
+    Proportional,
+    SchlickExact,
+    TruncatedPowerExact,
+)
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert, Lyon, Phong, Schlick
 from brdfcheck.messages import UsageError, one_line
