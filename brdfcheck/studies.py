@@ -38,7 +38,7 @@ _GALLERY = "README.md"
 
 @dataclass(frozen=True)
 class Study:
-    """A study's file, and what it says of itself: question, answer, if it wants the machine for itself, what it may be given."""
+    """A study's file, and what it says of itself: question, answer, whether it runs alone, what it may be given."""
 
     name: str
     path: Path

@@ -177,7 +177,7 @@ def test_exponent_family() -> None:
         catalog.exponent_family("fong")
     wide = catalog.Entry(Family("wide", lambda a, b: None, {"a": (0, 1), "b": (0, 1)}), "", "")
     empty = catalog.Entry(Family("none", lambda: None), "", "")
-    known = catalog._CATALOG.entries
+    known = catalog._CATALOG
     try:
         known["wide"], known["none"] = wide, empty
         with pytest.raises(ValueError, match="wide has 2 parameters; a table needs exactly one"):
@@ -198,7 +198,7 @@ def final_classes(module: ModuleType, kind: type) -> set[type]:
         if inspect.isclass(value)
         and issubclass(value, kind)
         and value.__module__ == module.__name__
-        and not value.__name__.startswith(("_", "Abstract"))
+        and getattr(value, "__final__", False)
     }
 
 

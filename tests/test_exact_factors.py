@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from selection import few
 
-from brdfcheck.brdf.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact, exact_factor
+from brdfcheck.brdf.factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact, exact_factor
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.quadrature.tables import albedo_table
 

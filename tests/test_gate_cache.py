@@ -227,7 +227,7 @@ def test_a_name_that_was_registered_is_not_kept(
     kept: Callable[[], list[Path]], monkeypatch: pytest.MonkeyPatch, reports: dict[str, Any]
 ) -> None:
     entry = catalog.entry("lambert")
-    monkeypatch.setitem(catalog._CATALOG.entries, "somebody", replace(entry, family=replace(entry.family, name="somebody")))
+    monkeypatch.setitem(catalog._CATALOG, "somebody", replace(entry, family=replace(entry.family, name="somebody")))
     verdicts = cache.Verdicts()
     for name in ("somebody", "lambert"):
         request = Request((name,))

@@ -12,8 +12,7 @@ import pytest
 
 from _instruments import stability
 from _instruments.stability import Outcome
-from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import AbstractFactor, Normalized
+from brdfcheck.brdf.factors import AbstractFactor, Normalized, exact_factor
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance

@@ -78,7 +78,7 @@ class Scaled(AbstractFactor):
 @pytest.fixture(autouse=True)
 def bell(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lobe as "bell", and as "bell-bright" one per cent too bright; forgotten after the test."""
-    monkeypatch.setattr(catalog, "_CATALOG", catalog._Catalog({one.name: one for one in catalog.entries()}))
+    monkeypatch.setattr(catalog, "_CATALOG", {one.name: one for one in catalog.entries()})
     catalog.register(entry("bell"))
     catalog.register(entry("bell-bright", 1.01))
 

@@ -1,7 +1,6 @@
 from . import base as base
 from . import callables as callables
 from . import catalog as catalog
-from . import exact_factors as exact_factors
 from . import factors as factors
 from . import family as family
 from . import lobes as lobes

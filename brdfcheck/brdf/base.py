@@ -66,27 +66,29 @@ def checked_number(value: object, name: str, low: float = 0.0, high: float = np.
     return array
 
 
-class AbstractBRDF(eqx.Module):
+class _Whole(eqx.Module):
+    """What has a lobe inside, or is one. What wraps another BRDF (a factor) answers for itself: nobody takes it apart."""
+
+    @property
+    def core(self) -> Any:
+        """The lobe that is integrated, which holds the parameters: this one, or what is inside where a factor is around it."""
+        return self
+
+    def with_core(self, core: Any) -> Any:
+        """The same with another lobe inside."""
+        return core
+
+
+class AbstractBRDF(_Whole):
     """A BRDF f(wi, wo) in 1/sr, for unit vectors of shape (..., 3) with N = +z. Returns shape (...), or (..., channels)."""
 
     @abc.abstractmethod
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The value of the BRDF in 1/sr; 0 where a direction lies below the surface."""
 
-    # What wraps another BRDF (a factor) answers for itself: nobody takes it apart.
-
-    @property
-    def core(self) -> Any:
-        """The lobe that is integrated: this BRDF, or what is inside where a factor is around it."""
-        return self
-
     def gain(self, cos_theta: Any) -> Any:
         """What the albedo of the core is multiplied by at cosines of incidence, in numpy or JAX as these are."""
         return 1.0
-
-    def with_core(self, core: AbstractBRDF) -> AbstractBRDF:
-        """This BRDF with another lobe inside."""
-        return core
 
     @property
     def monotone(self) -> bool:
@@ -216,7 +218,7 @@ class AbstractHalves(AbstractBRDF):
         """The lobes whose albedos are added."""
 
 
-class AbstractBSDF(eqx.Module):
+class AbstractBSDF(_Whole):
     r"""A surface that reflects and transmits: f(wi, wo) in 1/sr for unit vectors (..., 3) on the whole sphere, N = +z.
 
     Directions point away from the surface; where wi and wo lie on different sides the light is transmitted. `eta` is the index
@@ -244,14 +246,3 @@ class AbstractBSDF(eqx.Module):
 
         `below` 1: for light from below. ValueError for an unknown part.
         """
-
-    # What `factors.varied` asks of a BRDF.
-
-    @property
-    def core(self) -> Any:
-        """What holds the parameters."""
-        return self
-
-    def with_core(self, core: AbstractBSDF) -> AbstractBSDF:
-        """The BSDF with other parameters."""
-        return core

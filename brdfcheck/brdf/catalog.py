@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,24 +48,20 @@ class Entry:
         return not self.claim
 
 
-def _validated(name: str, build: Callable[..., Any], ranges: Mapping, formula: str, source: str) -> Entry:
-    return Entry(Family(name, build, ranges), formula, source)
-
-
-def _transmits(name: str, build: Callable[..., Any], ranges: Mapping, formula: str, source: str) -> Entry:
-    return Entry(transmitting(Family(name, build, ranges), (0.0, 1.0)), formula, source)
-
-
-def _published(
+def _entry(
     name: str,
     build: Callable[..., Any],
     ranges: Mapping,
     formula: str,
     source: str,
-    claim: str,
+    claim: str = "",
     cos_theta: tuple[float, float] = (0.0, 1.0),
 ) -> Entry:
     return Entry(Family(name, build, ranges, cos_theta), formula, source, claim)
+
+
+def _transmits(name: str, build: Callable[..., Any], ranges: Mapping, formula: str, source: str) -> Entry:
+    return Entry(transmitting(Family(name, build, ranges), (0.0, 1.0)), formula, source)
 
 
 def _fitted(lobe: Callable[..., Any], A: float, B: float) -> Callable[..., Any]:
@@ -102,32 +98,32 @@ _COOK = "Cook & Torrance 1982; Beckmann facets, V-cavities"
 def _entries() -> tuple[Entry, ...]:
     two_pi, eight_pi = 2 * np.pi, 8 * np.pi
     return (
-        _validated("lambert", Lambert, {"reflectance": (0.0, 1.0)}, "k_d / pi", "Lambert 1760"),
-        _validated(
+        _entry("lambert", Lambert, {"reflectance": (0.0, 1.0)}, "k_d / pi", "Lambert 1760"),
+        _entry(
             "phong", lambda n: Normalized(Phong(n), PhongExact()), {"n": (0.01, 1e5)},
             "(n+2)/(2 pi) (R.V)^n", "Phong 1975; factor Lafortune & Willems 1994",
         ),
-        _validated(
+        _entry(
             "blinn-phong", lambda n: Normalized(BlinnPhong(n), BlinnPhongExact()), {"n": (0.01, 1e5)},
             "(n+2)(n+4)/(8 pi (2^(-n/2) + n)) (N.H)^n", "Blinn 1977; factor Giesen 2009",
         ),
         *(
-            _validated(name, _fitted(lobe, A, B), _POWERS, f"(n+{A:g})/{B:g} {formula}", _OURS)
+            _entry(name, _fitted(lobe, A, B), _POWERS, f"(n+{A:g})/{B:g} {formula}", _OURS)
             for name, lobe, formula, A, B in _FITTED
         ),
-        _validated(
+        _entry(
             "cook-torrance", lambda m: CookTorrance(m), {"m": (0.05, 1.0)},
             "F (D/pi) G / (4 (N.L)(N.V)), F = 1", f"{_COOK}; a quarter of the printed form",
         ),
-        _validated(
+        _entry(
             "beckmann-smith", lambda m: CookTorrance(m, masking="smith-separable"), {"m": (0.05, 1.0)},
             "D G1(wi) G1(wo) / (4 (N.L)(N.V))", "Beckmann facets, Smith 1967 masking, separable",
         ),
-        _validated(
+        _entry(
             "beckmann-smith-correlated", lambda m: CookTorrance(m, masking="smith-correlated"), {"m": (0.05, 1.0)},
             "D / (4 (N.L)(N.V) (1 + Lambda(wi) + Lambda(wo)))", "Beckmann facets, height-correlated Smith masking",
         ),
-        _validated(
+        _entry(
             "ggx", lambda alpha: GGX(alpha), {"alpha": (0.05, 1.0)},
             "D G / (4 (N.L)(N.V)), height-correlated", "Trowbridge & Reitz 1975, Walter et al. 2007",
         ),
@@ -155,58 +151,58 @@ def _entries() -> tuple[Entry, ...]:
             _BOUNDARY,
             "Walter et al. 2007, GGX facets, Smith masking",
         ),
-        _published(
+        _entry(
             "binomial-power-raw", lambda n: BinomialPower(n), _POWERS, "max(0, 1 + (n/16)(N.H - 1))^16", _PROPOSAL,
             "breaks the law for n in [1, 17] only",
         ),
-        _published(
+        _entry(
             "binomial-power-published", _fitted(BinomialPower, 6.0, 24.55), _POWERS,
             "(n+6)/24.55 max(0, 1 + (n/16)(N.H - 1))^16", _PROPOSAL, "conserves for n in [1, 1000]",
         ),
-        _published(
+        _entry(
             "binomial-power-unclamped", _fitted(lambda n: BinomialPower(n, clamped=False), 6.0, 24.55), _POWERS,
             "(n+6)/24.55 (1 + (n/16)(N.H - 1))^16", f"{_PROPOSAL}, as printed: without max(0, .)",
             "conserves for n in [1, 1000]",
         ),
-        _published(
+        _entry(
             "blinn-phong-6", _fitted(BlinnPhong, 6.0, eight_pi), _POWERS, "(n+6)/(8 pi) (N.H)^n",
             "comparison curve of the 16th-power proposal", "conserves for n in [1, 1000]",
         ),
-        _published(
+        _entry(
             "blinn-phong-8", _fitted(BlinnPhong, 8.0, eight_pi), _POWERS, "(n+8)/(8 pi) (N.H)^n",
             "in wide use in real-time rendering", "normalised",
         ),
-        _published(
+        _entry(
             "blinn-phong-ndf", _fitted(BlinnPhong, 2.0, two_pi), _POWERS, "(n+2)/(2 pi) (N.H)^n",
             "common mistake: the factor of the facet distribution", "normalised",
         ),
-        _published(
+        _entry(
             "blinn-phong-linear", _fitted(BlinnPhong, 0.0856832 / 0.0397436, 1 / 0.0397436), _POWERS,
             "(0.0397436 n + 0.0856832) (N.H)^n", "Gotanda, least-squares line", "conserves",
         ),
-        _published(
+        _entry(
             "phong-pdf", _fitted(Phong, 1.0, two_pi), _POWERS, "(n+1)/(2 pi) (R.V)^n",
             "factor of the sampling density, which lacks the cosine", "conserves",
         ),
-        _published(
+        _entry(
             "phong-classical", lambda n: PerCosine(Normalized(Phong(n), PhongExact())), _POWERS,
             "(n+2)/(2 pi) (R.V)^n / (N.L), up to 89 degrees", "Phong 1975 read as a BRDF: the shading term has no cosine",
             "normalised", _UP_TO_89_DEGREES,
         ),
-        _published(
+        _entry(
             "schlick-phong-factor", _fitted(Schlick, 2.0, two_pi), _POWERS, "(n+2)/(2 pi) c/(n - n c + c), c = R.V",
             "Schlick 1994 with the factor of the power that it replaces", "stands in for the cosine power",
         ),
-        _published(
+        _entry(
             "kuijk-blake-phong-factor", _fitted(KuijkBlake, 2.0, two_pi), _POWERS,
             "(n+2)/(2 pi) times the piecewise quadratic", "Kuijk & Blake 1989 with the factor of the power that it replaces",
             "stands in for the cosine power",
         ),
-        _published(
+        _entry(
             "cook-torrance-published", lambda m: CookTorrance(m, convention="published"), {"m": (0.05, 1.0)},
             "F D G / (pi (N.L)(N.V)), D without its 1/pi, F = 1", _COOK, "physical reflectance",
         ),
-        _published(
+        _entry(
             "cook-torrance-no-masking", lambda m: CookTorrance(m, masking="none"), {"m": (0.05, 1.0)},
             "F (D/pi) / (4 (N.L)(N.V)), F = 1, up to 89 degrees", "Cook & Torrance 1982 with G left out",
             "masking is a detail", _UP_TO_89_DEGREES,
@@ -214,15 +210,8 @@ def _entries() -> tuple[Entry, ...]:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Catalog:
-    entries: dict[str, Entry] = field(default_factory=lambda: {entry.name: entry for entry in _entries()})
-
-
-_CATALOG = _Catalog()
-
-
-_BUILT_IN = frozenset(_CATALOG.entries)
+_CATALOG = {entry.name: entry for entry in _entries()}
+_BUILT_IN = frozenset(_CATALOG)
 
 
 def built_in(name: str) -> bool:
@@ -236,25 +225,25 @@ def register(entry: Entry) -> None:
     A lobe of one's own: its class (`AbstractZonalLobe` or `AbstractMicrofacetLobe`) and
     ``register(Entry(Family("mine", Mine, {"n": (1, 1000)}), formula, source))``.
     """
-    if entry.name in _CATALOG.entries:
+    if entry.name in _CATALOG:
         raise ValueError(f"there is a BRDF {entry.name!r} already")
-    _CATALOG.entries[entry.name] = entry
+    _CATALOG[entry.name] = entry
 
 
 def entries() -> tuple[Entry, ...]:
     """All entries: the validated ones first, then the published claims, then those that were registered."""
-    return tuple(_CATALOG.entries.values())
+    return tuple(_CATALOG.values())
 
 
 def names() -> tuple[str, ...]:
     """The names of all entries."""
-    return tuple(_CATALOG.entries)
+    return tuple(_CATALOG)
 
 
 def entry(name: str) -> Entry:
     """The entry of that name. UnknownName (a KeyError), with the nearest ones, where there is none."""
     try:
-        return _CATALOG.entries[name]
+        return _CATALOG[name]
     except KeyError:
         near = difflib.get_close_matches(name.lower(), names(), n=3, cutoff=0.4)
         hint = f"did you mean {', '.join(near)}?" if near else "'brdfcheck list' shows the names (brdfcheck.catalog.names())"

@@ -15,8 +15,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import FORMS, AbstractZonalLobe, Form, checked_number
-from brdfcheck.brdf.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact
-from brdfcheck.brdf.factors import AbstractFactor, BlinnPhongExact, PhongExact
+from brdfcheck.brdf.factors import (
+    AbstractFactor,
+    BlinnPhongExact,
+    KuijkBlakeExact,
+    PhongExact,
+    SchlickExact,
+    TruncatedPowerExact,
+)
 from brdfcheck.messages import one_of
 
 # exp(-40) = 4e-18: what lies beyond adds less than the rounding of the sum.

@@ -89,10 +89,16 @@ def _reflects_at_most_all(f0: object, weights: object) -> bool:
 class _FacetLobe(AbstractMicrofacetLobe):
     """What lobes share whose distribution has slopes of one shape: kernels, masking, kinks."""
 
-    f0: eqx.AbstractVar[Array | None]
-    fresnel: eqx.AbstractVar[str]
-    masking: eqx.AbstractVar[str]
-    passive: eqx.AbstractVar[bool]
+    f0: Float[Array, "..."] | None
+    masking: str = eqx.field(static=True)
+    fresnel: str = eqx.field(static=True)
+    passive: bool = eqx.field(static=True)
+
+    def _settle(self, f0: object, masking: str, fresnel: str, weights: object = 1.0) -> None:
+        """The fields that all have, checked."""
+        self.f0 = None if f0 is None else checked_number(f0, "f0", high=1)
+        self.passive = _reflects_at_most_all(f0, weights)
+        self.masking, self.fresnel = one_of(masking, MASKINGS, "masking"), one_of(fresnel, FRESNELS, "fresnel")
 
     @property
     def bounded(self) -> bool:
@@ -137,25 +143,15 @@ class _FacetLobe(AbstractMicrofacetLobe):
         one, two = mu_i * top_i, mu_o * top_o
         return top_i * top_o / (bottom_i * two + bottom_o * one - one * two)
 
-    def facet_kernel(
-        self,
-        half_cosine: Float[Array, "..."],
-        half_sine_squared: Float[Array, "..."],
-        cos_theta_i: Float[Array, "..."],
-        cos_theta_o: Float[Array, "..."],
-        incident_half_cosine: Float[Array, "..."],
-    ) -> Float[Array, "..."]:
+    def facet_kernel(self, n_h: Array, sine_squared: Array, mu_i: Array, mu_o: Array, i_h: Array) -> Array:
         if self.masking == "v-cavities":
             # G (wi.H) / mu_i = min{wi.H / mu_i, 2 (N.H) mu_o / mu_i, 2 (N.H)}: finite at grazing incidence.
-            smaller = jnp.minimum(incident_half_cosine, 2 * half_cosine * cos_theta_o)
-            geometric = jnp.minimum(smaller / cos_theta_i, 2 * half_cosine)
+            geometric = jnp.minimum(jnp.minimum(i_h, 2 * n_h * mu_o) / mu_i, 2 * n_h)
         elif self.masking == "none":
-            geometric = incident_half_cosine / cos_theta_i
+            geometric = i_h / mu_i
         else:
-            masked = self._masking_over_cosines(half_cosine, cos_theta_i, cos_theta_o, incident_half_cosine)
-            geometric = masked * cos_theta_o * incident_half_cosine
-        density = self.scale() * self.distribution(half_cosine, half_sine_squared) * geometric
-        return _times_fresnel(self, density, incident_half_cosine)
+            geometric = self._masking_over_cosines(n_h, mu_i, mu_o, i_h) * mu_o * i_h
+        return self._times_fresnel(self.scale() * self.distribution(n_h, sine_squared) * geometric, i_h)
 
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The value of the BRDF in 1/sr, shape (...), or (..., channels) where f0 has channels."""
@@ -167,7 +163,13 @@ class _FacetLobe(AbstractMicrofacetLobe):
         masked = self._masking_over_cosines(n_h, mu_i, mu_o, i_h)
         density = self.scale() * self.distribution(n_h, versine * (2 - versine)) * masked / 4
         density = jnp.where(geometry.above_horizon(wi, wo), density, 0)
-        return _times_fresnel(self, density, i_h)
+        return self._times_fresnel(density, i_h)
+
+    def _times_fresnel(self, density: Array, i_h: Array) -> Array:
+        if self.f0 is None:
+            return density
+        fresnel = FRESNELS[self.fresnel]
+        return density[..., None] * fresnel(i_h[..., None], self.f0) if self.f0.ndim else density * fresnel(i_h, self.f0)
 
     def breaks(self, cos_theta: Float[Array, ""]) -> Float[Array, " breaks"]:
         support = self.support()[None]
@@ -203,15 +205,6 @@ class _FacetLobe(AbstractMicrofacetLobe):
         """The versine 1 - N.H beyond which the distribution is below 1e-17 of its peak."""
 
 
-def _times_fresnel(lobe: _FacetLobe, density: Array, i_h: Array) -> Array:
-    if lobe.f0 is None:
-        return density
-    fresnel = FRESNELS[lobe.fresnel]
-    if lobe.f0.ndim:
-        return density[..., None] * fresnel(i_h[..., None], lobe.f0)
-    return density * fresnel(i_h, lobe.f0)
-
-
 @final
 class CookTorrance(_FacetLobe):
     r"""Metal of Beckmann facets in V-cavities, with the exact Fresnel term (Cook & Torrance 1982).
@@ -229,12 +222,8 @@ class CookTorrance(_FacetLobe):
     """
 
     m: Float[Array, "..."]
-    f0: Float[Array, "..."] | None
     weights: Float[Array, "..."]
     convention: str = eqx.field(static=True)
-    masking: str = eqx.field(static=True)
-    fresnel: str = eqx.field(static=True)
-    passive: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -247,16 +236,13 @@ class CookTorrance(_FacetLobe):
         fresnel: str = "dielectric",
     ):
         self.m = checked_number(m, "m", above=True)
-        self.f0 = None if f0 is None else checked_number(f0, "f0", high=1)
         self.weights = checked_number(weights, "weights")
-        self.passive = _reflects_at_most_all(f0, weights)
+        self._settle(f0, masking, fresnel, weights)
         if self.m.shape != self.weights.shape or self.m.ndim > 1:
             raise ValueError(
                 f"m and weights must both be numbers or both have shape (k,); got {self.m.shape} and {self.weights.shape}"
             )
         self.convention = one_of(convention, CONVENTIONS, "convention")
-        self.masking = one_of(masking, MASKINGS, "masking")
-        self.fresnel = one_of(fresnel, FRESNELS, "fresnel")
         if self.m.ndim and self.masking.startswith("smith"):
             raise ValueError("Smith masking belongs to one slope; with several slopes use masking='v-cavities'")
 
@@ -305,19 +291,12 @@ class GGX(_FacetLobe):
     """
 
     alpha: Float[Array, ""]
-    f0: Float[Array, "..."] | None
-    masking: str = eqx.field(static=True)
-    fresnel: str = eqx.field(static=True)
-    passive: bool = eqx.field(static=True)
     # The half-vector rule asks: derivatives at 90 degrees have no limit.
     long_tail: ClassVar[bool] = True
 
     def __init__(self, alpha: object, f0: object = None, *, masking: str = "smith-correlated", fresnel: str = "dielectric"):
         self.alpha = checked_number(alpha, "alpha", above=True)
-        self.f0 = None if f0 is None else checked_number(f0, "f0", high=1)
-        self.passive = _reflects_at_most_all(f0, 1.0)
-        self.masking = one_of(masking, MASKINGS, "masking")
-        self.fresnel = one_of(fresnel, FRESNELS, "fresnel")
+        self._settle(f0, masking, fresnel)
 
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:
         # cos^2 (alpha^2 + tan^2) = alpha^2 cos^2 + sin^2, over alpha: no tangent, no fourth power of alpha.

@@ -293,24 +293,20 @@ def _builder(value: Callable[..., Any], held: Mapping[str, float], *, is_functio
     """What makes a BRDF of swept parameters. `bound`: the parameters go to f(wi, wo, **parameters) itself."""
     from brdfcheck.brdf.two_sides import FunctionBSDF
 
-    def from_factory(**parameters: Any) -> Any:
-        return value(**parameters, **held)
+    if not is_function:
+        return lambda **parameters: value(**parameters, **held)
+    if not bound:
+        return lambda: value
+    if isinstance(value, FunctionBSDF):
+        return lambda **parameters: value.holding(**parameters, **held)
 
-    def from_function(**parameters: Any) -> Any:
-        if isinstance(value, FunctionBSDF):
-            return value.holding(**parameters, **held)
-
+    def build(**parameters: Any) -> Any:
         def brdf(wi: Any, wo: Any) -> Any:
             return value(wi, wo, **parameters, **held)
 
         return brdf
 
-    def as_it_is() -> Any:
-        return value
-
-    if not is_function:
-        return from_factory
-    return from_function if bound else as_it_is
+    return build
 
 
 def _refusal(family: Family, *, user: bool) -> str | None:
@@ -369,7 +365,7 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
 
     if name not in catalog.names():
         found = next((part for room in (lobes, microfacet, transmission) if (part := getattr(room, name, None))), None)
-        if inspect.isclass(found) and issubclass(found, (AbstractBRDF, AbstractBSDF)) and not inspect.isabstract(found):
+        if inspect.isclass(found) and issubclass(found, (AbstractBRDF, AbstractBSDF)) and getattr(found, "__final__", False):
             return found, name
         if is_file_spec(name):
             return load_file(name, Reading() if reading is None else reading, modules)

@@ -98,13 +98,22 @@ class LambertTransmission(AbstractBSDF):
 # --- deltas ---
 
 
-@final
-class Spread(AbstractBRDF):
-    """What a smooth surface sends out of light from one side, as a matte reflection of the same albedo at each incidence."""
+class _Lit(AbstractBRDF):
+    """A `part` of what a surface sends out of light from one side."""
 
-    surface: AbstractSmooth
+    surface: Any
     below: Float[Array, ""]
     part: Part = eqx.field(static=True)
+
+    @property
+    def bounded(self) -> bool:
+        """True for every surface here: the theorems at the head of `brdfcheck.brdf.transmission`."""
+        return True
+
+
+@final
+class Spread(_Lit):
+    """What a smooth surface sends out of light from one side, as a matte reflection of the same albedo at each incidence."""
 
     @property
     def core(self) -> Any:
@@ -116,11 +125,6 @@ class Spread(AbstractBRDF):
 
     def with_core(self, core: AbstractBRDF) -> AbstractBRDF:
         return self
-
-    @property
-    def bounded(self) -> bool:
-        """True: R + T is at most 1 by the formulas of `brdfcheck.brdf.transmission`."""
-        return True
 
     def __call__(self, wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Float[Array, "..."]:
         wi = jnp.asarray(wi)
@@ -254,17 +258,8 @@ class RoughDielectric(AbstractBSDF):
 
 
 @final
-class LitFacets(AbstractHalves):
+class LitFacets(_Lit, AbstractHalves):
     """A rough boundary lit from one side: what it reflects, and at the mirror image of its direction what it transmits."""
-
-    surface: RoughDielectric
-    below: Float[Array, ""]
-    part: Part = eqx.field(static=True)
-
-    @property
-    def bounded(self) -> bool:
-        """True for every roughness and index: the theorem at the head of `brdfcheck.brdf.transmission`."""
-        return True
 
     def halves(self) -> tuple[AbstractMicrofacetLobe, ...]:
         facets, ratio = self.surface.facets, _seen_from(self.surface.eta, self.below)
@@ -286,8 +281,8 @@ class LitFacets(AbstractHalves):
 class _FacetsOfBoundary(AbstractMicrofacetLobe):
     """Facets seen from the side of the light; `ratio`: the index on the far side over that on the near one."""
 
-    facets: eqx.AbstractVar[Any]
-    ratio: eqx.AbstractVar[Array]
+    facets: Any
+    ratio: Array
 
     rooted: ClassVar[bool] = True
     # Derivatives at 90 degrees have no limit, as for a long tail.
@@ -318,19 +313,8 @@ class _FacetsOfBoundary(AbstractMicrofacetLobe):
 class _Reflecting(_FacetsOfBoundary):
     """What the facets reflect: all of it past the critical angle."""
 
-    facets: Any
-    ratio: Array
-
-    def facet_kernel(
-        self,
-        half_cosine: Float[Array, "..."],
-        half_sine_squared: Float[Array, "..."],
-        cos_theta_i: Float[Array, "..."],
-        cos_theta_o: Float[Array, "..."],
-        incident_half_cosine: Float[Array, "..."],
-    ) -> Float[Array, "..."]:
-        all_of_it = self.facets.facet_kernel(half_cosine, half_sine_squared, cos_theta_i, cos_theta_o, incident_half_cosine)
-        return all_of_it * boundary_reflectance(incident_half_cosine, self.ratio)
+    def facet_kernel(self, *cosines: Array) -> Array:
+        return self.facets.facet_kernel(*cosines) * boundary_reflectance(cosines[-1], self.ratio)
 
     def azimuth_breaks(self, half_cosine: Float[Array, " h"], cos_theta: Float[Array, ""]) -> Float[Array, "kinks h"]:
         return jnp.broadcast_to(self.critical_cosine(), half_cosine.shape)[None]
@@ -348,29 +332,19 @@ class _Reflecting(_FacetsOfBoundary):
 class _Refracting(_FacetsOfBoundary):
     """What the facets let through: nothing past the critical angle, nor what they would refract to above the horizon."""
 
-    facets: Any
-    ratio: Array
     refracts: ClassVar[bool] = True
 
-    def facet_kernel(
-        self,
-        half_cosine: Float[Array, "..."],
-        half_sine_squared: Float[Array, "..."],
-        cos_theta_i: Float[Array, "..."],
-        cos_theta_o: Float[Array, "..."],
-        incident_half_cosine: Float[Array, "..."],
-    ) -> Float[Array, "..."]:
-        c = incident_half_cosine
-        behind, passes = _refracted_cosine(c, self.ratio)
+    def facet_kernel(self, n_h: Array, sine_squared: Array, mu_i: Array, mu_o: Array, i_h: Array) -> Array:
+        behind, passes = _refracted_cosine(i_h, self.ratio)
         # Snell's law: wo = -wi / ratio + (c / ratio - behind) h.
-        mu_o = (cos_theta_i - c * half_cosine) / self.ratio + behind * half_cosine
+        mu_o = (mu_i - i_h * n_h) / self.ratio + behind * n_h
         seen = passes & (mu_o > 0)
         mu_o = jnp.where(seen, mu_o, 1)
-        top, bottom = self.facets.shadowing(cos_theta_i)
+        top, bottom = self.facets.shadowing(mu_i)
         top_o, bottom_o = self.facets.shadowing(jnp.minimum(mu_o, 1))
         masked = (top / bottom) * (mu_o * top_o / bottom_o)
-        value = self.facets.distribution(half_cosine, half_sine_squared) * masked * c
-        return jnp.where(seen, value * (1 - boundary_reflectance(c, self.ratio)), 0)
+        value = self.facets.distribution(n_h, sine_squared) * masked * i_h
+        return jnp.where(seen, value * (1 - boundary_reflectance(i_h, self.ratio)), 0)
 
     def azimuth_breaks(self, half_cosine: Float[Array, " h"], cos_theta: Float[Array, ""]) -> Float[Array, "kinks h"]:
         # Refracted along the horizon: c = (k^2 + 1 - ratio^2) / (2 k) with k = N.wi / N.H, as long as k^2 < 1 - ratio^2.

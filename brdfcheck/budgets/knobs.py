@@ -14,15 +14,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, final
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe
-from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import Constant, Normalized
+from brdfcheck.brdf.factors import Constant, Normalized, exact_factor
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
@@ -78,21 +76,11 @@ def _is_facets(term: Term) -> bool:
     return term.name == "cook-torrance"
 
 
-def _integrated(scene: Scene) -> list[Term]:
-    """Glossy terms under a surrounding whose albedo a rule in one dimension gives."""
-    material = scene.picture.material
-    if not any(isinstance(light, Environment) for light in scene.picture.lights) or not isinstance(material, Surface):
-        return []
-    glossy = [term for term in material.terms if not term.matt]
-    simple = all(term.fresnel == "none" and isinstance(term.brdf.core, AbstractZonalLobe) for term in glossy)
-    return glossy if simple else []
-
-
-def _looked_up(scene: Scene) -> bool:
-    """True where something glossy is under a surrounding: what it reflects of it depends on the angle of view alone."""
+def _surrounded(scene: Scene) -> list[Term]:
+    """Glossy terms under a surrounding: what they reflect of it depends on the angle of view alone."""
     material = scene.picture.material
     surrounded = any(isinstance(light, Environment) for light in scene.picture.lights)
-    return surrounded and isinstance(material, Surface) and not all(term.matt for term in material.terms)
+    return [term for term in material.terms if not term.matt] if surrounded and isinstance(material, Surface) else []
 
 
 def knobs_of(scene: Scene) -> tuple[Knob, ...]:
@@ -136,8 +124,10 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
             found.append(Knob("shading", "interpolation", shadings))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
-    if _looked_up(scene):
-        rungs = [f"{count} nodes" for count in _QUADRATURE if _integrated(scene)]
+    if glossy := _surrounded(scene):
+        # Of lobes about an axis a rule in one dimension gives the albedo.
+        simple = all(term.fresnel == "none" and isinstance(term.brdf.core, AbstractZonalLobe) for term in glossy)
+        rungs = [f"{count} nodes" for count in _QUADRATURE if simple]
         rungs += [f"table of {count}" for count in _TABLES if count < math.prod(scene.picture.size)]
         found.append(Knob("surrounding", "albedo under the surrounding", (*rungs, "furnace")))
     if len(lights) > 1:
@@ -178,9 +168,11 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
     elif mesh is not None:
         facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
     bounces, surrounding = choice.get("bounces", "all"), choice.get("surrounding", "furnace")
-    lights, center = scene.picture.lights, _center(scene)
+    lights = scene.picture.lights
+    center = np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
     if "lights" in choice:
-        kept = sorted(range(len(lights)), key=lambda i: -_strength(lights[i], center))[: int(choice["lights"].split()[0])]
+        strength = [float(jnp.sum(_irradiance(light, center))) for light in lights]
+        kept = sorted(range(len(lights)), key=lambda i: -strength[i])[: int(choice["lights"].split()[0])]
         lights = [lights[i] for i in sorted(kept)]
     return Plan(
         _material(scene.picture.material, choice),
@@ -244,10 +236,10 @@ def _term(term: Term, choice: Choice) -> Term:
         exponent = jnp.maximum(2 / (core.m * core.m) - 2, 0.01)
         return Term("blinn-phong", term.tint, fresnel=fresnel, n=exponent)
     if not isinstance(core, Phong | BlinnPhong) or not isinstance(term.brdf, Normalized):
-        return term if fresnel == term.fresnel else _again(term, fresnel)
+        return _again(term, fresnel)
     form, n = core.form, core.n
     if lobe == "power" and factor == _FACTORS[2]:
-        return term if fresnel == term.fresnel else _again(term, fresnel)
+        return _again(term, fresnel)
     if factor == _FACTORS[1]:
         name = "blinn-phong-fitted" if lobe == "power" else f"{_FITTED[lobe]}-{form}"
         return Term(name, term.tint, fresnel=fresnel, n=n)
@@ -261,7 +253,9 @@ def _term(term: Term, choice: Choice) -> Term:
 
 
 def _again(term: Term, fresnel: str) -> Term:
-    """The same term with another Fresnel factor; by name where it has one, so that its family's check counts."""
+    """The term with this Fresnel factor; by name where it has one, so that its family's check counts."""
+    if fresnel == term.fresnel:
+        return term
     core = term.brdf.core
     names = catalog.entry(term.name).family.ranges if term.name else {}
     if term.name and all(hasattr(core, name) for name in names):
@@ -302,14 +296,11 @@ class Painted(AbstractMaterial):
 # --- lights ---
 
 
-def _center(scene: Scene) -> np.ndarray:
-    return np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
-
-
 def _light(light: AbstractLight, model: str, center: np.ndarray) -> AbstractLight:
     """The light in a simpler model that agrees with it at the object's centre."""
     if isinstance(light, Polygon) and model == "polygon, unclipped":
-        return eqx.tree_at(lambda one: one.vertices, _unclipped(light), light.vertices)
+        sides = {"two_sided": light.two_sided, "matt_only": light.matt_only}
+        return Polygon(light.vertices, light.intensity, horizon_clipping=False, **sides)
     if not isinstance(light, Point | Polygon) or model.startswith("polygon") or (isinstance(light, Point) and model == "point"):
         return light
     middle, way, distance = _towards(light, center)
@@ -334,11 +325,3 @@ def _irradiance(light: AbstractLight, center: np.ndarray) -> Float[Array, " 3"]:
         _, way, distance = _towards(light, center)
         return light.intensity * light.irradiance(Vector(*jnp.asarray(center, way.dtype)), Vector(*(way / distance)))
     return light.intensity * jnp.pi  # the same radiance from everywhere
-
-
-def _strength(light: AbstractLight, center: np.ndarray) -> float:
-    return float(jnp.sum(_irradiance(light, center)))
-
-
-def _unclipped(light: Polygon) -> Polygon:
-    return Polygon(light.vertices, light.intensity, two_sided=light.two_sided, horizon_clipping=False)

@@ -74,7 +74,11 @@ class Program:
 
 @dataclass
 class Compiler:
-    """Programs of the plans of one scene, and their work. What differs in numbers only is compiled and traced once."""
+    """Programs of the plans of one scene, and their work. What differs in numbers only is compiled and traced once.
+
+    Work is counted in multiplications of float64. What is seen does not depend on how it is shaded, nor the work at a point on
+    how many there are, nor the room on either: so the works of many combinations follow from few traces.
+    """
 
     scene: Scene
     _known: dict[Any, Any] = field(default_factory=dict)
@@ -86,15 +90,6 @@ class Compiler:
         if structure not in self._known:
             self._known[structure] = jax.jit(lambda numbers: _picture(self.scene, plan, numbers)).lower(numbers).compile()
         return Program(self._known[structure], numbers, (structure, plan.bounces))
-
-    def work(self, plan: Plan) -> float:
-        """The operations of the plan's program, in multiplications of float64. Errors as for `program`.
-
-        What is seen does not depend on how it is shaded, nor the work at a point on how many there are, nor the room on either:
-        so the works of many combinations follow from few traces.
-        """
-        seen, points = self.seeing(plan)
-        return seen + points * self.shading(plan) + self.room(plan)
 
     def seeing(self, plan: Plan) -> tuple[float, int]:
         """The work of finding what is seen where, and how many points are shaded. By facets and precision alone."""

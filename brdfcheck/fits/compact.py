@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -95,4 +95,4 @@ def _fit_average(table: RendererTable) -> AverageFit:
             surface = best_surface(np.zeros(few), v[:few], values[:few], (sum(degree), 0)).surface
     fit = AverageFit(parameter, (low, high), root, centre, scale, surface, 0.0, many)
     error = float(np.max(np.abs(fit(p[few:]) - values[few:]) + bars[few:]))
-    return AverageFit(parameter, (low, high), root, centre, scale, surface, error, many)
+    return replace(fit, max_error=error)

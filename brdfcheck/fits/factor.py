@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -23,8 +24,10 @@ import optimistix as optx
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Proportional, RationalFactor
 from brdfcheck.brdf.family import Family
 from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, extrema, spread
-from brdfcheck.fits.proved import proved_factor
 from brdfcheck.fits.raw import RawAlbedo
+from brdfcheck.messages import UsageError, one_of
+from brdfcheck.proof.certify import certify_family
+from brdfcheck.proof.cover import NotProved
 from brdfcheck.runtime import double_precision
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check_family
 
@@ -39,6 +42,12 @@ _ROUNDS = 8
 _LARGEST_A = 1e6
 # Below this a factor loses so much of the light that the reader is told why.
 _WASTEFUL = 0.7
+# Of the factor that is proved: digits of its constants.
+_DIGITS = 10
+# By how much B is enlarged, at first by the rounding of its digits alone; where the albedo comes that close to 1, a proof of so
+# many boxes takes a second at most.
+_MARGINS = (0.0, 1e-9, 1e-8, 1e-7, 1e-6)
+_BOXES = 1000
 
 
 @dataclass(frozen=True)
@@ -125,10 +134,8 @@ def fit_factor(
     Raises ValueError for a bad range, objective or sampling, for a family without an exponent n, and where no factor of this
     form conserves; KeyError for an unknown name.
     """
-    if objective not in OBJECTIVES:
-        raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}")
-    if sampling not in SAMPLINGS:
-        raise ValueError(f"sampling must be one of {', '.join(SAMPLINGS)}; got {sampling!r}")
+    one_of(objective, OBJECTIVES, "objective")
+    one_of(sampling, SAMPLINGS, "sampling")
     if not isinstance(samples, int) or isinstance(samples, bool) or samples < 2:
         raise ValueError(f"samples must be a whole number, at least 2; got {samples!r}")
     with double_precision():
@@ -378,3 +385,31 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any], best_of_its_form: bool) -> str:
         elif rise[1] > 0 and rise[1] > 1.5 * rise[0]:
             text += "; it grows like a power of n: the lobe stops getting narrower"
     return text
+
+
+def proved_factor(raw: RawAlbedo, factor: AbstractFactor) -> Factor | None:
+    """(n+A)/B with constants of 10 digits, near `factor`, whose albedo is proved to be at most 1 on the range of `raw`.
+
+    The optimum itself touches 1, and rounds to either side.
+
+    None for lobes and factors that the theorems do not know, and where none so near is proved.
+    """
+    if not isinstance(factor, Factor) or float(factor.B) <= 0:
+        return None
+    offset = float(_rounded(float(factor.A), ROUND_FLOOR))
+    for margin in _MARGINS:
+        near = Factor(offset, float(_rounded(float(factor.B) * (1 + margin), ROUND_CEILING)))
+        try:
+            if certify_family(raw.with_factor(near), most=_BOXES):
+                return near
+        except NotProved:
+            continue
+        except UsageError:
+            return None
+    return None
+
+
+def _rounded(value: float, how: str) -> Decimal:
+    """`value` with 10 digits, rounded down or up."""
+    exact = Decimal(value)
+    return exact if not exact else exact.quantize(Decimal(1).scaleb(exact.adjusted() - _DIGITS + 1), rounding=how)

@@ -85,6 +85,13 @@ class Sampler:
         shape = (len(parameter), len(mu))
         return value.reshape(shape), error.reshape(shape)
 
+    def grid(self, nodes: np.ndarray, mu: np.ndarray, values: np.ndarray, errors: np.ndarray, placement: str) -> AlbedoGrid:
+        """Values and errors on the grid of two axes with what the family is made of; `placement`: where the nodes lie."""
+        return AlbedoGrid(
+            self.family, self.parameter, nodes, mu, values, errors, self.albedo.engine_name, self.form, self.factor,
+            self.factored, placement,
+        )  # fmt: skip
+
 
 def _under_cosine(brdf: Any) -> Any:
     return _under_cosine(brdf.base) if isinstance(brdf, PerCosine) else brdf
@@ -137,18 +144,5 @@ def tabulate(
         nodes, rule = spaced(*sampler.range, t[0])
         low, high = family.cos_theta
         mu = low + (high - low) * t[1]
-        values, errors = sampler(nodes, mu)
         words = f"node k of N at t = (k + 1/2)/N; {sampler.parameter} = {rule}; cos_theta = {low:g} + t ({high:g} - {low:g})"
-        return AlbedoGrid(
-            family,
-            sampler.parameter,
-            nodes,
-            mu,
-            values,
-            errors,
-            sampler.albedo.engine_name,
-            sampler.form,
-            sampler.factor,
-            sampler.factored,
-            words,
-        )
+        return sampler.grid(nodes, mu, *sampler(nodes, mu), words)

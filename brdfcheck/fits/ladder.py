@@ -18,8 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import AbstractFactor
+from brdfcheck.brdf.factors import AbstractFactor, exact_factor
 from brdfcheck.cores import on_one_core
 from brdfcheck.fits.factor import fit_form
 from brdfcheck.fits.minimax import spread

@@ -135,7 +135,9 @@ def best_surface(
         if not np.max(np.abs(better - f)) < error:
             break
         p, q = found
-    return Approximation(_surface(p * scale, q, up, down), error * scale, (p * scale, q))
+    numerator, denominator = _monomials(p * scale, up), _monomials(q, down)
+    surface = RationalSurface(_decimal(numerator / denominator[0, 0]), _decimal(denominator / denominator[0, 0]))
+    return Approximation(surface, error * scale, (p * scale, q))
 
 
 def _program(
@@ -162,11 +164,6 @@ def _chebyshev(u: np.ndarray, v: np.ndarray, exponents: list[tuple[int, int]]) -
     degree = max(max(pair) for pair in exponents)
     along_u, along_v = (np.polynomial.chebyshev.chebvander(x, degree) for x in (u, v))
     return np.stack([along_u[:, i] * along_v[:, j] for i, j in exponents], axis=-1)
-
-
-def _surface(p: np.ndarray, q: np.ndarray, up: list[tuple[int, int]], down: list[tuple[int, int]]) -> RationalSurface:
-    numerator, denominator = _monomials(p, up), _monomials(q, down)
-    return RationalSurface(_decimal(numerator / denominator[0, 0]), _decimal(denominator / denominator[0, 0]))
 
 
 def _monomials(coefficients: np.ndarray, exponents: list[tuple[int, int]]) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
-from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.brdf.tables import table_in
 from brdfcheck.fits.minimax import extrema, spread
@@ -36,7 +35,10 @@ class RawAlbedo:
     """
 
     def __init__(self, target: Any, n: tuple[float, float]):
-        family = _one_exponent(target, _checked_range(n))
+        n = interval("n", n)
+        if n[0] < 0:
+            raise ValueError(f"the range of n must be >= 0; got {n[0]:g}:{n[1]:g}")
+        family = _one_exponent(target, n)
         self.low, self.high = family.ranges["n"]
         self.name = family.name
         self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
@@ -92,16 +94,6 @@ class RawAlbedo:
         places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
         smallest = float(np.min(values))
         return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
-
-
-def _checked_range(n: tuple[float, float]) -> tuple[float, float]:
-    try:
-        low, high = (float(bound) for bound in n)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the range of n must be two numbers (LO, HI); got {n!r}") from error
-    if not (math.isfinite(low) and math.isfinite(high) and 0 <= low <= high):
-        raise ValueError(f"the range of n must be finite, with 0 <= LO <= HI; got {low:g}:{high:g}")
-    return low, high
 
 
 def _one_exponent(target: Any, n: tuple[float, float]) -> Family:

@@ -23,17 +23,14 @@ from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.subject import (
-    Signature,
     as_target,
-    catalog_target,
     family_of,
     named,
-    no_parameter,
     refuse_reading,
     signature_of,
 )
 from brdfcheck.fits.grids import AlbedoGrid, Sampler, formula_of
-from brdfcheck.messages import UsageError
+from brdfcheck.messages import UsageError, one_of
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.pointwise import worst_channel
 from brdfcheck.quadrature.tables import albedo_table
@@ -155,7 +152,7 @@ def sources(
     def family_at(number: float | None) -> Family:
         own = {} if number is None else dict.fromkeys(f0, (number, number))
         kept = {name: ends for name, ends in asked.items() if not own or name.lower().partition(".")[0] != "f0"}
-        return _resolved(target, value, spec, signature, {**kept, **own}, reading, cos_theta)
+        return _resolved(target, value, spec, {**kept, **own}, reading, cos_theta)
 
     family = family_at(None)
     if not given:
@@ -188,20 +185,14 @@ def _resolved(
     target: Any,
     value: Any,
     spec: str,
-    signature: Signature,
     asked: dict[str, tuple[float, float]],
     reading: Reading | None,
     cos_theta: tuple[float, float] | None,
 ) -> Family:
-    if not isinstance(target, str):
-        found = as_target(value, asked, cos_theta, reading)
-    elif isinstance(value, Family):
-        unknown = [name for name in asked if name not in signature.names]
-        if unknown:
-            raise UsageError(no_parameter(spec, unknown[0], signature.names))
-        found = catalog_target(spec, asked, cos_theta)
-    else:
+    if isinstance(target, str) and not isinstance(value, Family):  # what a name stands for is loaded once
         found = family_of(value, spec, asked, cos_theta, reading if is_file_spec(spec) else None)
+    else:
+        found = as_target(target, asked, cos_theta, reading)
     if found.finding is not None:
         raise UsageError(found.finding)
     return found.family
@@ -263,8 +254,7 @@ def renderer_table(
     Raises ValueError for what does not make a table: sizes below 2, an anisotropic target, an albedo that is not finite; and
     what `as_target` raises.
     """
-    if placement not in PLACEMENTS:
-        raise ValueError(f"placement must be one of {', '.join(PLACEMENTS)}; got {placement!r}")
+    one_of(placement, PLACEMENTS, "placement")
     if len(size) != 2 or any(not isinstance(part, int) or part < 2 for part in size):
         raise ValueError(f"size must be two whole numbers >= 2, ROWSxCOLUMNS; got {size!r}")
     with double_precision():
@@ -287,9 +277,8 @@ def renderer_table(
         values, bars = cells(family, nodes, columns, rtol, row)
         words = "centres of texels" if placement == PLACEMENTS[0] else "ends included"
         rule = "t = (k + 1/2)/N" if placement == PLACEMENTS[0] else "t = k/(N - 1)"
-        grid = AlbedoGrid(
-            family, found.parameter, nodes, mu, values[:, : len(mu)], bars[:, : len(mu)], engine.engine_name, sampler.form,
-            sampler.factor, sampler.factored,
+        grid = sampler.grid(
+            nodes, mu, values[:, : len(mu)], bars[:, : len(mu)],
             f"{words}: node k of N at {rule}; {found.parameter} = {bounds[0]:g} + t ({bounds[1]:g} - {bounds[0]:g});"
             f" cos_theta = {low:g} + t ({high:g} - {low:g})",
         )  # fmt: skip

@@ -92,7 +92,8 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
     known = facets_of(brdf) or point_of(brdf)
     if known is not None:
         if not ends and known["kind"] != "facets":
-            ends["n"] = exact(brdf.core.n, "n"), exact(brdf.core.n, "n")
+            n = exact(brdf.core.n, "n")
+            ends["n"] = n, n
         found = facets.certificate(known, ends, exact(family.cos_theta[0], "cos_theta"))
         if not found and Fraction(found.record["point"]["cos_theta"]) > exact(family.cos_theta[1], "cos_theta"):
             raise NotProved("the point above 1 that is known is at an incidence that the range of cos_theta leaves out")

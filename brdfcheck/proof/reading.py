@@ -16,8 +16,17 @@ import numpy as np
 from jax.core import Tracer
 
 from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.exact_factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact
-from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, Normalized, PhongExact, Proportional
+from brdfcheck.brdf.factors import (
+    BlinnPhongExact,
+    Constant,
+    Factor,
+    KuijkBlakeExact,
+    Normalized,
+    PhongExact,
+    Proportional,
+    SchlickExact,
+    TruncatedPowerExact,
+)
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.messages import UsageError, one_line

@@ -6,7 +6,7 @@ $E = \frac{1}{n+2}\left[\pi\mu\,(1 + I_{\mu^2}(\tfrac12, \tfrac n2 + 1))
  + \sqrt\pi\,\frac{\Gamma(\frac{n+1}2)}{\Gamma(\frac n2 + 1)}\,q^{n/2+1}\right]$,
 
 which is the formula of Mallett & Yuksel (2020) with its difference carried out: all terms are positive, nothing cancels.
-At normal incidence the other lobes have the closed forms of `exact_factors`; Lambert's albedo is its reflectance.
+At normal incidence the other lobes have the closed forms of `factors`; Lambert's albedo is its reflectance.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from jax.core import Tracer
 from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.exact_factors import exact_factor
+from brdfcheck.brdf.factors import exact_factor
 from brdfcheck.brdf.lobes import Lambert, Phong
 from brdfcheck.quadrature.rule import NOT_KNOWN, OK, AbstractRule, Raw
 

@@ -54,9 +54,9 @@ _UP = functools.partial(vector_of, name="up")
 class AbstractCamera(eqx.Module):
     """An eye that looks at a target, `up` upright in the image. All computing is in the type of the points."""
 
-    eye: eqx.AbstractVar[Float[Array, "3"]]
-    target: eqx.AbstractVar[Float[Array, "3"]]
-    up: eqx.AbstractVar[Float[Array, "3"]]
+    eye: Float[Array, "3"] = eqx.field(converter=_EYE, default=(0.0, 0.0, 5.0))
+    target: Float[Array, "3"] = eqx.field(converter=_TARGET, default=(0.0, 0.0, 0.0))
+    up: Float[Array, "3"] = eqx.field(converter=_UP, default=(0.0, 1.0, 0.0))
 
     def __check_init__(self) -> None:
         parts = (self.eye, self.target, self.up)
@@ -108,9 +108,6 @@ def _screen(right: Array, up: Array, half_height: Array, size: Size) -> Array:
 class Orthographic(AbstractCamera):
     """Parallel rays; the image is 2 `half_height` high in space. ValueError unless the numbers are finite and make a frame."""
 
-    eye: Float[Array, "3"] = eqx.field(converter=_EYE, default=(0.0, 0.0, 5.0))
-    target: Float[Array, "3"] = eqx.field(converter=_TARGET, default=(0.0, 0.0, 0.0))
-    up: Float[Array, "3"] = eqx.field(converter=_UP, default=(0.0, 1.0, 0.0))
     half_height: Float[Array, ""] = eqx.field(converter=functools.partial(scalar, name="half_height", above=True), default=1.05)
 
     def project(self, points: Float[Array, "3 ..."], size: Size) -> Projected:
@@ -135,9 +132,6 @@ class Orthographic(AbstractCamera):
 class Perspective(AbstractCamera):
     """Rays from the eye; `field_of_view` is the full vertical angle in degrees. ValueError as for `Orthographic`."""
 
-    eye: Float[Array, "3"] = eqx.field(converter=_EYE, default=(0.0, 0.0, 5.0))
-    target: Float[Array, "3"] = eqx.field(converter=_TARGET, default=(0.0, 0.0, 0.0))
-    up: Float[Array, "3"] = eqx.field(converter=_UP, default=(0.0, 1.0, 0.0))
     # Half of it is below 90 degrees in single precision too.
     field_of_view: Float[Array, ""] = eqx.field(
         converter=functools.partial(scalar, name="field_of_view", high=179.99, above=True), default=25.0

@@ -129,14 +129,11 @@ def color_scale(
 
     def draw(canvas: Any, font: Any) -> None:
         canvas.text((width / 2, 2), title, "black", font=font, anchor="ma")
-        for tick in ticks:
-            x = first + (right - first - 1) * np.log(tick / least) / np.log(most / least)
+        marks = [(first + (right - first - 1) * np.log(tick / least) / np.log(most / least), tick) for tick in ticks]
+        marks += [(left + (shades - 1) * reflected, reflected) for reflected in (0, 0.5, 1) if grey]
+        for x, number in marks:
             canvas.line([(x, 22 + bar), (x, 26 + bar)], "black")
-            canvas.text((x, 27 + bar), f"{tick:g}", "black", font=font, anchor="ma")
-        for reflected in (0, 0.5, 1) if grey else ():
-            x = left + (shades - 1) * reflected
-            canvas.line([(x, 22 + bar), (x, 26 + bar)], "black")
-            canvas.text((x, 27 + bar), f"{reflected:g}", "black", font=font, anchor="ma")
+            canvas.text((x, 27 + bar), f"{number:g}", "black", font=font, anchor="ma")
 
     image = _drawn(height, width, draw)
     values = np.geomspace(least, most, right - first)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import as_parameter
+from brdfcheck.messages import one_of
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.meshes import Mesh, border, face_normals, vertex_normals
 from brdfcheck.scene.raster import interpolated, rasterise, scan_line_weights
@@ -87,8 +88,7 @@ def mach_bands(
     The eye enhances a jump of the value (flat shading) and, less, one of the slope; the exact sphere has neither. A jump is
     the difference of the slopes of the samples on the two sides of an edge, which are linear fits over one step.
     """
-    if shading not in SHADINGS:
-        raise ValueError(f"shading must be one of {', '.join(SHADINGS)}; got {shading!r}")
+    one_of(shading, SHADINGS, "shading")
     towards = _unit(light, mesh.vertices.dtype)
     reach = 0.9
     camera = Orthographic((0.0, height, 5.0), (0.0, height, 0.0), half_height=reach / samples)

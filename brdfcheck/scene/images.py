@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
+from brdfcheck.messages import one_of
 from brdfcheck.output import records
 
 KINDS = ("png", "exr")
@@ -162,15 +163,14 @@ def rgb_of_spectrum(
         raise ValueError("a spectrum is at least two rising wavelengths in nm and as many reflectances")
     if not np.all(np.isfinite(reflectance) & (reflectance >= 0)):
         raise ValueError(f"reflectances must be finite and >= 0; the smallest is {np.min(reflectance):g}")
-    if observer not in _OBSERVERS:
-        raise ValueError(f"observer must be one of {', '.join(_OBSERVERS)}; got {observer!r}")
+    one_of(observer, _OBSERVERS, "observer")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what colour-science itself could use and does not find
         try:
             colour = importlib.import_module("colour")
         except ImportError as error:
             raise ImportError("colours from spectra need colour-science: pip install 'brdfcheck[colour]'") from error
-        if illuminant not in colour.SDS_ILLUMINANTS:
+        if illuminant not in colour.SDS_ILLUMINANTS:  # which reads names whatever their case
             raise ValueError(f"illuminant must be one of {', '.join(colour.SDS_ILLUMINANTS)}; got {illuminant!r}")
         matching = colour.MSDS_CMFS[_OBSERVERS[observer]]
         light = colour.SDS_ILLUMINANTS[illuminant]

@@ -8,6 +8,7 @@ nothing.
 from __future__ import annotations
 
 import abc
+import functools
 import itertools
 from typing import Any, final
 
@@ -19,6 +20,8 @@ from jaxtyping import Array, Float
 
 from brdfcheck.scene import polygon
 from brdfcheck.scene.vectors import TINY, Vector, checked, color_of, cross, dot, polar, power, scalar, unit, vector_of
+
+_INTENSITY = functools.partial(color_of, name="intensity")
 
 
 class AbstractLight(eqx.Module):
@@ -42,10 +45,7 @@ class Ambient(AbstractLight):
     `intensity`: radiance. `Environment` is the light that glossy parts see too. ValueError for a bad intensity.
     """
 
-    intensity: Float[Array, " 3"]
-
-    def __init__(self, intensity: Any = 1.0):
-        self.intensity = color_of(intensity, "intensity")
+    intensity: Float[Array, " 3"] = eqx.field(converter=_INTENSITY, default=1.0)
 
 
 @final
@@ -55,10 +55,7 @@ class Environment(AbstractLight):
     ValueError for a bad intensity.
     """
 
-    intensity: Float[Array, " 3"]
-
-    def __init__(self, intensity: Any = 1.0):
-        self.intensity = color_of(intensity, "intensity")
+    intensity: Float[Array, " 3"] = eqx.field(converter=_INTENSITY, default=1.0)
 
 
 @final
@@ -73,40 +70,46 @@ class Distant(AbstractRayLight):
 
     def __init__(self, direction: Any, intensity: Any = 1.0):
         self.direction = vector_of(direction, "direction")
-        self.intensity = color_of(intensity, "intensity")
+        self.intensity = _INTENSITY(intensity)
 
     def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
         return unit(Vector(*self.direction)), jnp.ones_like(self.direction[0])
 
 
-def _attenuations(values: tuple[Any, Any, Any]) -> list[Array]:
-    names = ("constant_attenuation", "linear_attenuation", "quadratic_attenuation")
-    arrays = [scalar(value, name) for value, name in zip(values, names, strict=True)]
-    if not any(isinstance(array, Tracer) or np.any(np.asarray(array)) for array in arrays):
-        raise ValueError(f"{', '.join(names)} must not all be 0")
-    return arrays
+class _Attenuated(AbstractRayLight):
+    """A light at a place, dimmer the farther."""
 
+    position: Float[Array, " 3"]
+    constant_attenuation: Float[Array, ""]
+    linear_attenuation: Float[Array, ""]
+    quadratic_attenuation: Float[Array, ""]
 
-def _attenuated(light: Point | Spot, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
-    distance, direction = polar(Vector(*light.position) - point)
-    # No square of the distance by itself, which single precision may not hold where the coefficient is 0.
-    a, b, c = light.constant_attenuation, light.linear_attenuation, light.quadratic_attenuation
-    return direction, 1 / jnp.maximum(a + distance * (b + distance * c), TINY)
+    def _place(self, position: Any, intensity: Any, *attenuations: Any) -> None:
+        """The fields that all have, checked."""
+        self.position = vector_of(position, "position", zero=True)
+        self.intensity = _INTENSITY(intensity)
+        names = ("constant_attenuation", "linear_attenuation", "quadratic_attenuation")
+        arrays = [scalar(value, name) for value, name in zip(attenuations, names, strict=True)]
+        if not any(isinstance(array, Tracer) or np.any(np.asarray(array)) for array in arrays):
+            raise ValueError(f"{', '.join(names)} must not all be 0")
+        self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation = arrays
+
+    def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
+        distance, direction = polar(Vector(*self.position) - point)
+        # No square of the distance by itself, which single precision may not hold where the coefficient is 0.
+        a, b, c = self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation
+        return direction, 1 / jnp.maximum(a + distance * (b + distance * c), TINY)
 
 
 @final
-class Point(AbstractRayLight):
+class Point(_Attenuated):
     r"""A point light, $1/(a + b d + c d^2)$ at the distance d (OpenGL). `intensity`: irradiance where that is 1.
 
     a, b, c are `constant_attenuation`, `linear_attenuation`, `quadratic_attenuation`; (0, 0, 1) is a physical lamp of that
     radiant intensity. ValueError where one is negative or all are 0.
     """
 
-    position: Float[Array, " 3"]
     intensity: Float[Array, " 3"]
-    constant_attenuation: Float[Array, ""]
-    linear_attenuation: Float[Array, ""]
-    quadratic_attenuation: Float[Array, ""]
 
     def __init__(
         self,
@@ -117,32 +120,21 @@ class Point(AbstractRayLight):
         linear_attenuation: Any = 0.0,
         quadratic_attenuation: Any = 0.0,
     ):
-        self.position = vector_of(position, "position", zero=True)
-        self.intensity = color_of(intensity, "intensity")
-        self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation = _attenuations(
-            (constant_attenuation, linear_attenuation, quadratic_attenuation)
-        )
-
-    def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
-        return _attenuated(self, point)
+        self._place(position, intensity, constant_attenuation, linear_attenuation, quadratic_attenuation)
 
 
 @final
-class Spot(AbstractRayLight):
+class Spot(_Attenuated):
     r"""A point light in a cone: times $\max(v \cdot d, 0)^e$ within `spot_cutoff` degrees of `spot_direction`, else 0 (OpenGL).
 
     v is the direction from the light to the point, e the `spot_exponent`. A cutoff of 180 is no cone: an ordinary point
     light. ValueError for a cutoff outside [0, 90] other than 180, an exponent < 0 or a direction of length 0.
     """
 
-    position: Float[Array, " 3"]
     spot_direction: Float[Array, " 3"]
     intensity: Float[Array, " 3"]
     spot_cutoff: Float[Array, ""]
     spot_exponent: Float[Array, ""]
-    constant_attenuation: Float[Array, ""]
-    linear_attenuation: Float[Array, ""]
-    quadratic_attenuation: Float[Array, ""]
 
     def __init__(
         self,
@@ -156,19 +148,15 @@ class Spot(AbstractRayLight):
         linear_attenuation: Any = 0.0,
         quadratic_attenuation: Any = 0.0,
     ):
-        self.position = vector_of(position, "position", zero=True)
+        self._place(position, intensity, constant_attenuation, linear_attenuation, quadratic_attenuation)
         self.spot_direction = vector_of(spot_direction, "spot_direction")
-        self.intensity = color_of(intensity, "intensity")
         self.spot_cutoff = scalar(spot_cutoff, "spot_cutoff", 0, 180)
         if not isinstance(self.spot_cutoff, Tracer) and 90 < float(self.spot_cutoff) < 180:
             raise ValueError(f"spot_cutoff must be in [0, 90] degrees, or 180 for no cone; got {spot_cutoff}")
         self.spot_exponent = scalar(spot_exponent, "spot_exponent")
-        self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation = _attenuations(
-            (constant_attenuation, linear_attenuation, quadratic_attenuation)
-        )
 
     def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
-        direction, irradiance = _attenuated(self, point)
+        direction, irradiance = super().arriving(point)
         cosine = -dot(direction, unit(Vector(*self.spot_direction)))
         inside = (cosine > 0) & (cosine >= jnp.cos(jnp.deg2rad(self.spot_cutoff)))
         share = power(cosine, self.spot_exponent)
@@ -212,7 +200,7 @@ class Polygon(AbstractLight):
             fault = polygon.fault(np.asarray(self.vertices, float))
             if fault:
                 raise ValueError(f"the polygon's {fault}")
-        self.intensity = color_of(intensity, "intensity")
+        self.intensity = _INTENSITY(intensity)
         self.two_sided, self.horizon_clipping, self.matt_only = bool(two_sided), bool(horizon_clipping), bool(matt_only)
 
     def irradiance(self, point: Vector, normal: Vector) -> Float[Array, "..."]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
-from brdfcheck.messages import UnknownName
+from brdfcheck.messages import UnknownName, one_of
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.canvas import (
     BELOW,
@@ -106,8 +106,7 @@ def render_brdf(
 
 
 def _rendered(make: Callable[[Canvas], Any], side: int, quality: str, progress: Callable[[int], None]) -> Image:
-    if quality not in QUALITIES:
-        raise ValueError(f"quality must be one of {', '.join(QUALITIES)}; got {quality!r}")
+    one_of(quality, QUALITIES, "quality")
     checked_size((side, side))
     count = itertools.count(1)
     return np.asarray(make(Canvas(side, QUALITIES[quality], lambda: progress(next(count)))), np.float32)

@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from brdfcheck.messages import one_of
 from brdfcheck.scene.cameras import AbstractCamera, Projected, Size, checked_size, pixel_centres
 from brdfcheck.scene.meshes import Mesh
 
@@ -140,8 +141,7 @@ def rasterise(mesh: Mesh, camera: AbstractCamera, size: Size, *, cull: bool = Tr
     Raises ValueError for a size that is no size, an unknown interpolation, and more than 2^24 faces.
     """
     size = checked_size(size)
-    if interpolation not in INTERPOLATIONS:
-        raise ValueError(f"interpolation must be one of {', '.join(INTERPOLATIONS)}; got {interpolation!r}")
+    one_of(interpolation, INTERPOLATIONS, "interpolation")
     if len(mesh.faces) > _MOST_FACES:
         raise ValueError(f"a mesh may have {_MOST_FACES} faces; got {len(mesh.faces)}")
     projected = camera.project(mesh.vertices.T, size)

@@ -16,6 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from brdfcheck.messages import one_of
 from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
 from brdfcheck.scene.raster import Fragments, rasterise
@@ -71,8 +72,7 @@ def shadings_of(
 ) -> list[Image]:
     """`shade_mesh` for several of `SHADINGS`, one image for each: what is seen in a pixel is settled once for all."""
     for shading in shadings:
-        if shading not in SHADINGS:
-            raise ValueError(f"shading must be one of {', '.join(SHADINGS)}; got {shading!r}")
+        one_of(shading, SHADINGS, "shading")
     if normals is None:
         normals = vertex_normals(mesh, weighting)
     fragments = rasterise(mesh, camera, size, cull=cull, interpolation=interpolation)

@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
+from brdfcheck.messages import one_of
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.quadrature.rule import checked_count
@@ -96,13 +97,11 @@ class AngularOperator(eqx.Module):
 
         ValueError for another word.
         """
-        if remainder not in get_args(Remainder):
-            raise ValueError(f"remainder must be one of {', '.join(get_args(Remainder))}; got {remainder!r}")
+        one_of(remainder, get_args(Remainder), "remainder")
         lost = jnp.maximum(1 - self.albedo(), 0)
-        if remainder == "mirror":  # arrives at the angle at which it left
-            return AngularOperator(self.cos_theta, self.weight, self.matrix + jnp.diag(lost), self.defect, self.error)
         mass = self.weight * self.cos_theta * lost
-        given = lost[:, None] * mass / jnp.maximum(jnp.sum(mass), jnp.finfo(mass.dtype).tiny)
+        diffuse = lost[:, None] * mass / jnp.maximum(jnp.sum(mass), jnp.finfo(mass.dtype).tiny)
+        given = jnp.diag(lost) if remainder == "mirror" else diffuse  # a mirror: at the angle at which it came
         return AngularOperator(self.cos_theta, self.weight, self.matrix + given, self.defect, self.error)
 
 

@@ -54,10 +54,10 @@ class AbstractEnclosure(eqx.Module):
     `uncertainty` bounds the sum over a row of the form factors' errors.
     """
 
-    form_factors: eqx.AbstractVar[Float[Array, "patches patches"]]
-    areas: eqx.AbstractVar[Float[Array, " patches"]]
-    uncertainty: eqx.AbstractVar[Float[Array, ""]]
-    balance: eqx.AbstractVar[Balance]
+    form_factors: Float[Array, "patches patches"]
+    areas: Float[Array, " patches"]
+    uncertainty: Float[Array, ""]
+    balance: Balance
 
     @property
     def patches(self) -> int:
@@ -73,11 +73,6 @@ class AbstractEnclosure(eqx.Module):
 class Enclosure(AbstractEnclosure):
     """An enclosure that is known by its form factors alone; made by `enclosure`, `polyhedron` or `cylinder`."""
 
-    form_factors: Float[Array, "patches patches"]
-    areas: Float[Array, " patches"]
-    uncertainty: Float[Array, ""]
-    balance: Balance
-
 
 @final
 class Sphere(AbstractEnclosure):
@@ -86,10 +81,6 @@ class Sphere(AbstractEnclosure):
     Patch band * sectors + sector; band 0 is at the pole +z. All patches have the same area.
     """
 
-    form_factors: Float[Array, "patches patches"]
-    areas: Float[Array, " patches"]
-    uncertainty: Float[Array, ""]
-    balance: Balance
     radius: Float[Array, ""]
     bands: int = eqx.field(static=True)
     sectors: int = eqx.field(static=True)
@@ -120,10 +111,6 @@ class Box(AbstractEnclosure):
     Walls in the order x = 0, x = a, y = 0, y = b, z = 0, z = c; in a wall the later axis runs fastest.
     """
 
-    form_factors: Float[Array, "patches patches"]
-    areas: Float[Array, " patches"]
-    uncertainty: Float[Array, ""]
-    balance: Balance
     size: Float[Array, " 3"]
     cells: tuple[int, int, int] = eqx.field(static=True)
 
@@ -354,11 +341,8 @@ def closed(form_factors: Any, areas: Any, error: Any, dtype: Any = None) -> tupl
     largest = float(error) * len(areas) if np.ndim(error) == 0 else float(np.max(np.sum(spread, axis=1)))
     rounded = jnp.asarray(balanced, dtype)
     uncertainty = jnp.asarray(min(largest + change, 1.0) + float(jnp.finfo(dtype).eps), dtype)
-    return rounded, jnp.asarray(areas, dtype), uncertainty, _balance(dtype, reciprocity, row_sums, change)
-
-
-def _balance(dtype: Any, *numbers: float) -> Balance:
-    return Balance(*(jnp.asarray(number, dtype) for number in numbers))
+    balance = Balance(*(jnp.asarray(number, dtype) for number in (reciprocity, row_sums, change)))
+    return rounded, jnp.asarray(areas, dtype), uncertainty, balance
 
 
 def _refuse_leaks(sums: np.ndarray, areas: np.ndarray) -> None:

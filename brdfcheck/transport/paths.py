@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF, core_of
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
+from brdfcheck.messages import one_of
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.transport.angular import angular_operator
@@ -73,8 +74,7 @@ def trace(
     BRDF that is neither about an axis nor made of facets.
     """
     _checked(enclosure, key, sampling)
-    if equation not in get_args(Equation):
-        raise ValueError(f"equation must be one of {', '.join(get_args(Equation))}; got {equation!r}")
+    one_of(equation, get_args(Equation), "equation")
     diffuse = brdf is None or isinstance(brdf, Lambert)
     if equation == "patches" and not diffuse:
         raise ValueError("the equation of patches is for diffuse walls: with other BRDFs light has a direction")
@@ -303,8 +303,7 @@ def _checked(enclosure: Any, key: Any, sampling: str) -> None:
         raise TypeError(f"paths need a sphere or a box, whose walls are known; got {type(enclosure).__name__}")
     if key is None or not jnp.issubdtype(getattr(key, "dtype", np.dtype(float)), jax.dtypes.prng_key) or key.shape:
         raise ValueError(f"key must be one key of jax.random.key; got {key!r}")
-    if sampling not in get_args(Sampling):
-        raise ValueError(f"sampling must be one of {', '.join(get_args(Sampling))}; got {sampling!r}")
+    one_of(sampling, get_args(Sampling), "sampling")
 
 
 def _of_type(brdf: Any, dtype: Any) -> Any:

@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from brdfcheck.quadrature.rule import checked_accuracy, checked_count
 from brdfcheck.transport.enclosures import AbstractEnclosure
-from brdfcheck.transport.solution import Problem, Radius, Solution, Status, bounded, judged, problem, radius_of, standing
+from brdfcheck.transport.solution import Problem, Solution, Status, bounded, judged, problem, radius_of, shrinking, standing
 
 _STABILISE = 10
 _MOST_SHOTS = 3000  # times the number of patches
@@ -151,11 +151,10 @@ def _neumann(problem: Problem, tolerance: Array, max_terms: Array) -> Solution:
     code = standing(radius, refuses=True)
     dtype = problem.areas.dtype
     tolerance = tolerance.astype(dtype)
-    shrinking = _shrinking(problem, radius)
+    w, theta = shrinking(problem, radius)
 
     def rest(term: Array) -> Array:
-        norm, theta = jnp.max(term / shrinking[0]), shrinking[1]
-        return jnp.where(theta < 1, norm * theta / jnp.where(theta < 1, 1 - theta, 1), jnp.inf)
+        return jnp.where(theta < 1, jnp.max(term / w) * theta / jnp.where(theta < 1, 1 - theta, 1), jnp.inf)
 
     def bounce(state: Any) -> Any:
         value, term, _, count = state
@@ -171,13 +170,6 @@ def _neumann(problem: Problem, tolerance: Array, max_terms: Array) -> Solution:
     cost = (count - 1).astype(dtype) * problem.areas.size**2
     # A number of terms that was asked for is always reached.
     return finished(problem, radius, refused(value, code), code, enough | (tolerance == 0), cost, count, "neumann")
-
-
-def _shrinking(problem: Problem, radius: Radius) -> tuple[Array, Array]:
-    """A positive vector w of largest entry 1 and the largest theta of K w <= theta w."""
-    w = radius.vector / jnp.maximum(jnp.max(radius.vector), 1e-6) + 1e-3
-    w = w / jnp.max(w)
-    return w, jnp.max(problem.apply(w) / w)
 
 
 # --- what the solvers share ---

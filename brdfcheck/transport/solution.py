@@ -243,6 +243,13 @@ def power_iteration(apply: Any, start: Array, weight: Array | None = None, itera
 # --- errors ---
 
 
+def shrinking(problem: Problem, radius: Radius) -> tuple[Array, Array]:
+    """A positive vector w of largest entry 1 and the largest theta of K w <= theta w."""
+    w = radius.vector / jnp.maximum(jnp.max(radius.vector), _FLOOR) + _MIXED
+    w = w / jnp.max(w)
+    return w, jnp.max(problem.apply(w) / w)
+
+
 def bounded(problem: Problem, radius: Radius, value: Array) -> tuple[Array, Array]:
     r"""(error, residual) of a value: $|B - B^*| \le \max_k(|r_k|/w_k)\, w/(1-\theta)$ for any w > 0 with $K w \le \theta w$.
 
@@ -252,8 +259,7 @@ def bounded(problem: Problem, radius: Radius, value: Array) -> tuple[Array, Arra
     size = problem.emission + problem.apply(jnp.abs(value)) + jnp.abs(value)
     residual = jnp.abs(problem.residual(value))
     doubtful = residual + _ROUNDING * epsilon * size + problem.reflectance * problem.uncertainty * jnp.max(jnp.abs(value))
-    w = radius.vector / jnp.maximum(jnp.max(radius.vector), _FLOOR) + _MIXED
-    theta = jnp.max(problem.apply(w) / w)
+    w, theta = shrinking(problem, radius)
     bound = jnp.max(doubtful / w) * w / jnp.where(theta < 1, 1 - theta, 1)
     known = (theta < 1) & jnp.all(jnp.isfinite(value))
     return jnp.where(known, bound, jnp.inf), jnp.max(residual)

@@ -13,8 +13,7 @@ import numpy as np
 
 from _instruments import Unheard
 from _instruments.stability.references import LOBES, MICROFACETS, Reference
-from brdfcheck.brdf.exact_factors import exact_factor
-from brdfcheck.brdf.factors import AbstractFactor, Normalized
+from brdfcheck.brdf.factors import AbstractFactor, Normalized, exact_factor
 from brdfcheck.brdf.family import Family
 from brdfcheck.cores import available_cores, bind_thread
 from brdfcheck.runtime import double_precision, is_double, use_compilation_cache, use_x64
