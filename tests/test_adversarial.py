@@ -51,13 +51,13 @@ def unclear(case: Case, report: Report) -> bool:
 # pole.
 DEAR = ("spot", "moving bump", "disc", "wedge", "retro lobe", "off-specular lobe", "two narrow parameters", "curved ridge")
 DEAR += ("narrow angle and parameter", "near pole")
-# The first draw of this kind is of numpy, which takes three times as long: its second one runs every time.
-SECOND = ("reciprocal cone",)
+# The first draws of these kinds are of numpy, which takes three times as long: another one runs every time.
+SEEDS = {"reciprocal cone": 2, "kink": 3}
 DRAWS = [
     pytest.param(
         (seed, number),
         id=f"{kind}-{seed}",
-        marks=[pytest.mark.slow] if seed != (2 if kind in SECOND else 1) or kind in DEAR else [],
+        marks=[pytest.mark.slow] if seed != SEEDS.get(kind, 1) or kind in DEAR else [],
     )
     for seed in range(1, 5)
     for number, kind in enumerate(adversarial.kinds())

@@ -158,12 +158,12 @@ def test_exponent_zero_is_a_constant() -> None:
 def test_shapes_broadcast(name: str) -> None:
     lobe = FORMULAS[name][0](12.0)
     wi, wo = random_directions(6, 1).reshape(2, 3, 3), random_directions(3, 2)
-    value = np.asarray(lobe(wi, wo))
+    value = np.asarray(compiled(lobe, wi, wo))
     assert value.shape == (2, 3)
-    assert lobe(wi[0, 1], wo[1]).shape == ()
-    assert float(lobe(wi[1, 2], wo[2])) == pytest.approx(value[1, 2], rel=1e-14)
-    assert lobe(wi[:, :, None], wo).shape == (2, 3, 3)
-    assert lobe(wi[0, 0], wo).shape == (3,)
+    assert compiled(lobe, wi[0, 1], wo[1]).shape == ()
+    assert float(compiled(lobe, wi[1, 2], wo[2])) == pytest.approx(value[1, 2], rel=1e-14)
+    assert compiled(lobe, wi[:, :, None], wo).shape == (2, 3, 3)
+    assert compiled(lobe, wi[0, 0], wo).shape == (3,)
 
 
 @pytest.mark.parametrize("name", few(FORMULAS, FAST))
