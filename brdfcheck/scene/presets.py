@@ -200,12 +200,15 @@ _LOBES = ("phong", "schlick-mirror", "kuijk-blake-mirror", "blinn-phong", "lyon-
 
 
 def lobes(canvas: Canvas) -> Image:
-    """Six lobes at three exponents, each light scaled by 2 pi/(n+2)."""
+    """Six lobes at three exponents in false colour, each light scaled by 2 pi/(n+2): of tails nothing is seen in grey."""
     rows, exponents = [], (10.0, 100.0, 1000.0)
+    covered = canvas.sphere(Surface(Term("lambert", 1.0)), [Ambient(1.0)])[0]
     for n in exponents:
         light = [Distant(UPPER_RIGHT, 2 * np.pi / (n + 2))]
-        rows.append([canvas.sphere(Surface(Term(name, n=n)), light, background=_GREY) for name in _LOBES])
-    return contact_sheet(rows, columns=_LOBES, labels=[f"n = {n:g}" for n in exponents])
+        spheres = [canvas.sphere(Surface(Term(name, n=n)), light) for name in _LOBES]
+        rows.append([colored(sphere[0], covered, 1e-3, 1.0) for sphere in spheres])
+    sheet = contact_sheet(rows, columns=_LOBES, labels=[f"n = {n:g}" for n in exponents])
+    return stacked(sheet, color_scale(sheet.shape[2], "what is reflected; white: less than 0.001", 1e-3, 1.0))
 
 
 _SQUARE = ((1.4, -1.0, -1.0), (1.4, 1.0, -1.0), (1.4, 1.0, 1.0), (1.4, -1.0, 1.0))
@@ -298,7 +301,7 @@ _PRESETS: dict[str, Preset] = {
     "figure-13": Preset(f"{_YOKOI} 13: metal (16), powers of R.V; exposure 0.75", 256, metal("13")),
     "furnace": Preset("white furnace: published BRDFs beside the validated ones; the excess in false colour", 97, furnace),
     "furnace-validated": Preset("white furnace of every validated BRDF: none glows", 81, furnace_validated),
-    "lobes": Preset("lobes at equal n under one light; light scaled by 2 pi/(n+2)", 144, lobes),
+    "lobes": Preset("lobes at equal n under one light, in false colour; light scaled by 2 pi/(n+2)", 144, lobes),
     "lights": Preset("one surface under every kind of light; under the polygon its matt part alone", 160, lights),
     "polygon-light": Preset("a square light beside a matt sphere, clipped at its horizon and not", 224, polygon_light),
     "gouraud-phong": Preset("flat, Gouraud and Phong shading at 20 to 1280 faces", 176, gouraud_phong),

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 
 from brdfcheck.scene import failures, meshes
 from brdfcheck.scene.cameras import Orthographic
-from brdfcheck.scene.canvas import GROUND, Canvas, Image, curve, matt_and_glossy
+from brdfcheck.scene.canvas import GROUND, Canvas, Image, color_scale, colored, curve, matt_and_glossy, stacked
 from brdfcheck.scene.images import contact_sheet
-from brdfcheck.scene.lights import Distant
+from brdfcheck.scene.lights import Ambient, Distant
 from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.raster import area_weights, interpolated, scan_line_weights
 
@@ -68,17 +68,20 @@ _ASIDE = np.array([0.3, 0.2, 1.0])
 
 
 def silhouette_bleed(canvas: Canvas) -> Image:
-    """Spheres lit from straight behind."""
-    camera, lights = Orthographic(5 * _ASIDE), [Distant(-_ASIDE, np.pi)]
-    white = Surface(Term("lambert", 1.0))
-    before = {"background": GROUND}  # the sphere is black: on black nothing would be seen of it
-    columns, pictures, shadings = [], [], ("gouraud", "phong")
+    """Spheres lit from straight behind, in false colour."""
+    camera, lights, shadings = Orthographic(5 * _ASIDE), [Distant(-_ASIDE, np.pi)], ("gouraud", "phong")
+    white, columns, pictures = Surface(Term("lambert", 1.0)), [], []
     for level in _LEVELS[:3]:
-        columns.append(f"{_faces(level)}: up to {float(failures.silhouette_bleed(_single(level), _ASIDE)):.2f}")
-        pictures.append(canvas.meshes(_single(level), camera, white, lights, shadings, **before))
-    pictures.append([canvas.sphere(white, lights, camera, **before)] * 2)
-    across = "light straight from behind: the sphere should be black, all else on it is wrong"
-    return contact_sheet(_turned(pictures), columns=(*columns, "exact"), labels=shadings, across=across)
+        mesh = _single(level)
+        columns.append(f"{_faces(level)}: up to {float(failures.silhouette_bleed(mesh, _ASIDE)):.2f}")
+        (covered,) = canvas.meshes(mesh, camera, white, [Ambient(1.0)], ("flat",))
+        images = canvas.meshes(mesh, camera, white, lights, shadings)
+        pictures.append([colored(image[0], covered[0], 1e-3, 1.0) for image in images])
+    covered, exact = (canvas.sphere(white, light, camera)[0] for light in ([Ambient(1.0)], lights))
+    pictures.append([colored(exact, covered, 1e-3, 1.0)] * 2)
+    across = "light straight from behind: none of it should be seen, all that is coloured is wrong"
+    sheet = contact_sheet(_turned(pictures), columns=(*columns, "exact"), labels=shadings, across=across)
+    return stacked(sheet, color_scale(sheet.shape[2], "what is reflected; white: less than 0.001", 1e-3, 1.0))
 
 
 def mach_bands(canvas: Canvas) -> Image:

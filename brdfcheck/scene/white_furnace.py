@@ -48,6 +48,7 @@ PAIRS: tuple[tuple[str, dict[str, float], str], ...] = (
 
 _DOWN = "the largest of 0 to 89 degrees"
 _SCALE = "grey: what is reflected, up to 1; colour: what is reflected beyond 1"
+_CLOSER = 12
 _USUAL_SIDE = 2.1  # of what the usual camera sees; the sphere's radius is 1
 
 
@@ -129,6 +130,14 @@ def _furnace_pair(canvas: Canvas, brdf: str | AbstractBRDF, parameters: Mapping[
     return [np.broadcast_to(np.float32(_ENVIRONMENT) * (1 + excess), (3, *most.shape)), colored(most, covered)]
 
 
+def _middle(canvas: Canvas, brdf: str, parameters: Mapping[str, float]) -> Image:
+    """The excess in the middle of the sphere in false colour, `_CLOSER` times enlarged."""
+    across = np.abs(2 * np.arange(canvas.side) + 1 - canvas.side) / canvas.side * _USUAL_SIDE / 2 / _CLOSER
+    radius = np.linspace(0, 1.5 * _USUAL_SIDE / 2 / _CLOSER, 256)
+    excess = np.interp(np.hypot(across[:, None], across), radius, _reflected(brdf, parameters, np.sqrt(1 - radius**2)) - 1)
+    return colored(excess, np.ones_like(excess))
+
+
 def furnace_of(canvas: Canvas, brdf: AbstractBRDF, label: str) -> Image:
     """One BRDF: the sphere, and its excess (of the brightest channel) in false colour with the scale."""
     pair, most = _furnace_pair(canvas, brdf, {}), furnace_largest(brdf)
@@ -156,7 +165,8 @@ def furnace(canvas: Canvas) -> Image:
         rows.append(_furnace_pair(canvas, validated, parameters) + _furnace_pair(canvas, name, parameters))
         label = f"{name}, {_numbers(parameters)}: {_share(furnace_largest(name, parameters))}"
         if name == "binomial-power-published":
-            label += "\n(the dot in the middle)"
+            rows[-1][-1] = _middle(canvas, name, parameters)
+            label += f"\n(excess: the middle, {_CLOSER} times enlarged)"
         if name == "phong-classical":  # not reciprocal, and the furnace gathers over the direction of the light
             other = float(albedo(catalog.entry(name).family.build(**parameters), np.cos(np.radians(89.0))).value)
             label += f"\n(summed over views, light at 89 degrees: {other:.3g} times)"
