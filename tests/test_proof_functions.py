@@ -193,6 +193,8 @@ def test_programs_have_the_values_of_their_functions():
         (lambda wi, wo: blinn(wi, wo, 4.0), "mirror"),
         (lambda wi, wo: jnp.abs(jnp.cross(wi, wo)[..., 2] + 1), "turn"),
         (lambda wi, wo: jnp.cross(wi, wo)[..., 2] ** 2, "mirror"),
+        (lambda wi, wo: (1 + jnp.sum(wi * half(wi, wo), -1) ** 2) ** 5 * (1 - wo[..., 2]) ** 5, "mirror"),
+        (lambda wi, wo: (1 + jnp.sum(wi * half(wi, wo), -1) ** 2) ** 5 * (1 - wo[..., 0]) ** 5, "none"),
         (lambda wi, wo: brushed(wi, wo, 0.1), "none"),
         (lambda wi, wo: jnp.abs(half(wi, wo)[..., 0]), "none"),
         (lambda wi, wo: jnp.abs(jnp.sum(wi * jnp.array([1.0, 1.0 + 2**-40, 1.0]) * wo, -1)), "none"),
