@@ -82,7 +82,11 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
     record = json.loads(Path("c.json").read_text())
     assert (record["range"], record["lobe"]["kind"]) == ({"k": ["0", "0.45"], "cos_theta": ["0", "1"]}, "program")
     assert run(["certify", "--verify", "c.json"]) == ExitCode.FAILED
-    assert "does not hold its boxes: brdfcheck certify finds them again" in capsys.readouterr().out
+    assert "which must be given too: brdfcheck certify FILE.py:OBJECT --verify CERTIFICATE" in capsys.readouterr().out
+    assert run(["certify", "mine.py:bright", "--verify", "c.json"]) == ExitCode.PASSED
+    assert "VERIFIED  CONSERVES" in capsys.readouterr().out
+    assert run(["certify", "mine.py:dull", "--verify", "c.json"]) == ExitCode.USAGE_ERROR
+    assert "mine.py:dull has no parameter" in capsys.readouterr().err
     assert run(["certify", "mine.py:bright", "--over", "k=0:0.5"]) == ExitCode.FAILED
     assert "VIOLATES: The directional albedo of the program of mine.py:bright (6 operations) is at least 1.0" in (
         capsys.readouterr().out
@@ -105,8 +109,8 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["mine.py:bright", "--over", "k=1:inf"], "mine.py:bright: for a proof of a function the range of k must be finite"),
         (["mine.py:quits", "--over", "n=1:2"], "mine.py:quits ends the process while JAX traces it"),
         (["phong", "--over", "m=1"], "phong has no parameter 'm'; its parameters: n"),
-        (["phong", "--verify", "c.json"], "give a BRDF to certify, or --verify FILE, but not both"),
-        (["--verify", "c.json", "-o", "d.json"], "--verify takes nothing but the certificate"),
+        ([], "give a BRDF to certify, or --verify FILE"),
+        (["--verify", "c.json", "-o", "d.json"], "--verify takes the ranges from the certificate"),
         (["--verify", "c.json"], "--verify: cannot read 'c.json': No such file"),
         (["phong", "-o", "no/c.json"], "cannot write 'no/c.json': the folder"),
     ],

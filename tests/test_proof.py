@@ -161,6 +161,13 @@ def test_phong_with_a_factor_too_large_by_1e_12(factor):
     assert {piece.side for piece in pieces} == {ABOVE}
 
 
+def test_where_the_albedo_is_exactly_1():
+    """In the mirror form (1 - n v/k)^k is the cosine power at n = k, so that Phong's factor makes the albedo 1 there."""
+    certificate = certify(lambda n: brdfcheck.Normalized(brdfcheck.Lyon(n, 3, "mirror"), brdfcheck.PhongExact()), n=(1, 1000))
+    assert "at most 1 for every n from 8 to 1000" in certificate.statement
+    assert accepted(json.loads(certificate.to_json()))
+
+
 def test_exact_factors():
     assert certify(brdfcheck.Normalized(brdfcheck.BlinnPhong(3), brdfcheck.BlinnPhongExact()))
     lobe = brdfcheck.Lyon(5, 2)
@@ -172,10 +179,10 @@ def test_exact_factors():
 def test_single_brdfs():
     assert certify(brdfcheck.Lambert(0.8)).record["range"] == {"reflectance": ["0.8", "0.8"]}
     assert not certify(brdfcheck.Lambert, reflectance=(0, 1.25))
-    assert accepted(json.loads(certify(brdfcheck.Lambert(0.8)).to_json()))
+    for lobe in (brdfcheck.Lambert(0.8), brdfcheck.Lambert([0.2, 0.3, 0.4])):
+        assert accepted(json.loads(certify(lobe).to_json()))
     assert certify(brdfcheck.Normalized(brdfcheck.BlinnPhong(8.764), brdfcheck.Factor(6, 8 * np.pi)))
-    with pytest.raises(UsageError, match="reflectance must be one finite number"):
-        certify(brdfcheck.Lambert([0.2, 0.3, 0.4]))
+    assert not certify(brdfcheck.Lambert([0.2, 0.3, 1.4]))
 
 
 def test_lobes_that_rise_with_their_angle_are_refused():
@@ -432,9 +439,10 @@ def test_a_check_rests_on_a_proof_where_there_is_one():
     assert (exact.verdict.name, exact.basis, exact.tolerance) == ("CONSERVES", "proof", 0.0)
     assert exact.albedo + exact.error > 1
     assert "proof: at most 1 in exact arithmetic" in str(exact)
-    published = brdfcheck.check("binomial-power-published", effort="quick")
-    assert (published.verdict.name, published.basis) == ("VIOLATES", "proof")
-    assert "proof: above 1 at one point in exact arithmetic" in str(published)
+    for name in ("binomial-power-published", "binomial-power-unclamped"):
+        published = brdfcheck.check(name, effort="quick")
+        assert (published.verdict.name, published.basis) == ("VIOLATES", "proof")
+        assert "proof: above 1 at one point in exact arithmetic" in str(published)
 
     def pushed(n):
         return brdfcheck.Normalized(brdfcheck.Phong(n), brdfcheck.Factor(2 + 1e-11, 2 * np.pi))

@@ -13,7 +13,7 @@ import pytest
 import brdfcheck
 from brdfcheck.brdf.subject import as_family
 from brdfcheck.messages import UsageError
-from brdfcheck.proof import NotProved, Rejected, certify, verify
+from brdfcheck.proof import Certificate, NotProved, Rejected, certify, verify
 from brdfcheck.proof import enclosures as e
 from brdfcheck.proof.enclosures import Enclosed
 from brdfcheck.proof.hemisphere import Box, Cells, Hemisphere
@@ -86,13 +86,16 @@ def test_kuijk_and_blakes_albedo_is_convex_where_the_lemma_rests_on_boxes(wave, 
 
 
 def test_a_family_with_one_per_cent_to_spare():
-    proof = certify(coated, n=(3, 5))
+    proof = certify(coated, seconds=600, n=(3, 5))
     assert proof
     assert proof.record["range"] == {"n": ["3", "5"], "cos_theta": ["0", "1"]}
     assert "every n from 3 to 5 at every angle of incidence" in proof.statement
     assert len(proof.to_json()) < 10_000
-    with pytest.raises(Rejected, match="is of a program, and does not hold its boxes"):
+    verify(proof, coated)
+    with pytest.raises(Rejected, match="is of a program, which must be given too"):
         verify(proof)
+    with pytest.raises(Rejected, match="is another program"):
+        verify(proof, lambda wi, wo, n: coated(wi, wo, n, 0.48))
 
 
 @pytest.mark.slow
@@ -127,6 +130,10 @@ def test_a_violation_has_an_exact_point():
     assert point["theta in degrees"] == "0"
     assert 1 < least <= exact
     assert "VIOLATES" in str(refuted)
+    verify(refuted, blinn)
+    for key, other in (("n", "21"), ("n", str(n + 1e-9)), ("albedo at least", str(exact + 1e-9)), ("theta in degrees", "1")):
+        with pytest.raises(Rejected):
+            verify(Certificate({**refuted.record, "point": {**point, key: other}}), blinn)
 
 
 def test_bounds_contain_the_albedo():
@@ -186,6 +193,8 @@ def test_programs_have_the_values_of_their_functions():
         (lambda wi, wo: blinn(wi, wo, 4.0), "mirror"),
         (lambda wi, wo: jnp.abs(jnp.cross(wi, wo)[..., 2] + 1), "turn"),
         (lambda wi, wo: jnp.cross(wi, wo)[..., 2] ** 2, "mirror"),
+        (lambda wi, wo: (1 + jnp.sum(wi * half(wi, wo), -1) ** 2) ** 5 * (1 - wo[..., 2]) ** 5, "mirror"),
+        (lambda wi, wo: (1 + jnp.sum(wi * half(wi, wo), -1) ** 2) ** 5 * (1 - wo[..., 0]) ** 5, "none"),
         (lambda wi, wo: brushed(wi, wo, 0.1), "none"),
         (lambda wi, wo: jnp.abs(half(wi, wo)[..., 0]), "none"),
         (lambda wi, wo: jnp.abs(jnp.sum(wi * jnp.array([1.0, 1.0 + 2**-40, 1.0]) * wo, -1)), "none"),
@@ -197,7 +206,18 @@ def test_symmetries_are_algebra(function, kind):
 
 
 def test_the_azimuth_of_the_light_is_a_variable_where_it_matters():
-    assert certify(brushed, k=(0, 0.14))
+    proof = certify(brushed, k=(0, 0.14))
+    verify(proof, brushed)
+    changes = {
+        "verdict": "VIOLATES", "statement": proof.statement.replace("0.14", "0.13"), "formula": "", "assumes": [],
+        "range": {"k": ["0", "0.15"], "cos_theta": ["0", "1"]}, "lobe": {**proof.record["lobe"], "symmetry": ""},
+        "boxes": [proof.record["boxes"][0][:-1]],
+    }  # fmt: skip
+    for key, other in changes.items():
+        with pytest.raises(Rejected):
+            verify(Certificate({**proof.record, key: other}), brushed)
+    cut = [Box(np.array([0.0, 0.0, 0.0]), np.array([1.0, 2.0, 0.17]))]
+    assert not Search(Hemisphere(program(brushed, k=(0, 0.17)), "none"), cut, cut, 9.0).covered(proof.record["boxes"])
     refuted = certify(brushed, k=(0, 0.2))
     assert set(refuted.record["point"]) == {"k", "theta in degrees", "phi in degrees", "albedo at least"}
     place = {key: float(value) for key, value in refuted.record["point"].items()}

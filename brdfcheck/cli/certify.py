@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -26,6 +26,7 @@ Examples:
   brdfcheck certify mine.py:function --over n=1:20 --seconds 120
   brdfcheck certify shader.glsl:BRDF --over n=1:20
   brdfcheck certify --verify certificate.json
+  brdfcheck certify mine.py:function --verify function.json
 
 Of formulas that the package knows (its lobes with a factor (n+A)/B, a constant or an exact
 one, and its facets) proofs are exact. Of any other function that JAX can trace, shader files
@@ -71,7 +72,8 @@ def _certify(
         ),
     ] = None,
     check: Annotated[
-        str | None, typer.Option("--verify", metavar="FILE", help="Check a certificate again, instead of making one.")
+        str | None,
+        typer.Option("--verify", metavar="FILE", help="Check a certificate again; one of a function together with its NAME."),
     ] = None,
 ) -> int:
     """A proof that a BRDF conserves energy, or that it does not.
@@ -79,12 +81,12 @@ def _certify(
     For every value of the range and every angle of incidence, in exact or interval arithmetic; nothing is sampled. Where the
     law is broken, the certificate has a point at which the albedo lies above 1, and of lobes the intervals of violation.
     """
-    if (name is None) == (check is None):
-        raise UsageError("give a BRDF to certify, or --verify FILE, but not both")
     if check is not None:
-        if over or out or cos_theta or not how.is_plain:
-            raise UsageError("--verify takes nothing but the certificate")
-        return _verified(check)
+        if over or out or cos_theta:
+            raise UsageError("--verify takes the ranges from the certificate: give no --over, --cos-theta or -o")
+        return _verified(check, name, how)
+    if name is None:
+        raise UsageError("give a BRDF to certify, or --verify FILE")
     output = Output(alone=out == "-")
     start()
     from brdfcheck.proof.certify import certify
@@ -93,7 +95,7 @@ def _certify(
     certificate, trouble = None, None
     with contextlib.redirect_stdout(sys.stderr), asked():
         try:
-            certificate = certify(str(name), seconds=seconds, cos_theta=cos_theta, reading=how, **words.together(over))
+            certificate = certify(name, seconds=seconds, cos_theta=cos_theta, reading=how, **words.together(over))
         except NotProved as error:
             trouble = error
     if certificate is None:
@@ -105,9 +107,10 @@ def _certify(
     return ExitCode.PASSED if certificate else ExitCode.FAILED
 
 
-def _verified(path: str) -> int:
-    """Check the certificate in a file."""
+def _verified(path: str, name: str | None, how: Any) -> int:
+    """Check the certificate in a file, of a program that is named, too."""
     output = Output()
+    start()
     from brdfcheck.proof.verify import Rejected, read, verify
 
     try:
@@ -115,11 +118,14 @@ def _verified(path: str) -> int:
             text = file.read()
     except (OSError, ValueError) as error:
         raise UsageError(f"--verify: cannot read {one_line(path)!r}: {getattr(error, 'strerror', None) or error}") from None
-    try:
-        certificate = read(text)
-        verify(certificate)
-    except Rejected as error:
-        output.line(f"{path}  REJECTED: {error}")
+    with contextlib.redirect_stdout(sys.stderr), asked():
+        try:
+            certificate, trouble = read(text), None
+            verify(certificate, name, how)
+        except Rejected as error:
+            certificate, trouble = None, error
+    if certificate is None:
+        output.line(f"{path}  REJECTED: {trouble}")
         return ExitCode.FAILED
     output.line(f"{path}  VERIFIED  {certificate}")
     return ExitCode.PASSED

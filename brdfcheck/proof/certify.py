@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
@@ -103,8 +105,8 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
     parameter = next(iter(ends), None) or ("n" if hasattr(brdf.core, "n") else "reflectance")
     lobe = lobe_of(brdf, family.name, parameter)
     if not ends:
-        value = exact(getattr(brdf.core, parameter), parameter)
-        ends[parameter] = value, value
+        values = np.asarray(getattr(brdf.core, parameter))  # of several channels from the least to the largest
+        ends[parameter] = exact(values.min(), parameter), exact(values.max(), parameter)
     return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1, most=most)
 
 

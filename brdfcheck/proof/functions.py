@@ -47,6 +47,32 @@ def certificate(family: Family, seconds: float, watch: Callable[[float, float], 
         raise UsageError(f"{family.name} ends the process while JAX traces it") from None
     kind = symmetry(program)
     found = Search(Hemisphere(program, kind), *_boxes(family, kind == "none"), seconds, watch).run()
+    return _document(family, program, kind, found)
+
+
+def again(record: Mapping[str, Any], family: Family) -> Certificate:
+    """The certificate of a family that the boxes of this record, or its point, prove. NotProved where they do not."""
+    program = Program(family, COVERED)
+    if record["lobe"]["sha256 of its jaxpr"] != _digest(program):
+        raise NotProved(f"{family.name} is another program, or this version of JAX traces it otherwise")
+    kind = symmetry(program)
+    outer, inner = _boxes(family, kind == "none")
+    search = Search(Hemisphere(program, kind), outer, inner, math.inf)
+    if record["verdict"] == CONSERVES:
+        if not search.covered(record["boxes"]):
+            raise NotProved("the albedo is not shown to be at most 1 on all of its boxes")
+        return _document(family, program, kind, Found(1.0, 1.0, 0, 0.0, cuts=tuple(record["boxes"])))
+    stated, angles = record["point"], {"theta in degrees": 90, "phi in degrees": 180}
+    place = [Fraction(stated.get(name, 0)) / full for name, full in angles.items()]
+    point = np.array([*place, *(Fraction(stated[name]) for name in family.ranges)], float)
+    least = Fraction(stated["albedo at least"])
+    if not any(np.all((box.low <= point) & (point <= box.high)) for box in inner) or not search.at(point) >= least > 1:
+        raise NotProved(f"at its point the albedo is not shown to be at least {written(least)}")
+    return _document(family, program, kind, Found(math.inf, 0.0, 0, 0.0, point, least))
+
+
+def _document(family: Family, program: Program, kind: str, found: Found) -> Certificate:
+    """What was found as a certificate; NotProved where it is neither a proof nor a point above 1."""
     formula = f"the program of {family.name} ({len(program.steps)} operations)"
     shown = [(name, *(written(Fraction(end)) for end in ends)) for name, ends in _shown(family)]
     where = " and ".join(
@@ -63,7 +89,7 @@ def certificate(family: Family, seconds: float, watch: Callable[[float, float], 
             "kind": KIND,
             "name": family.name,
             "operations": len(program.steps),
-            "sha256 of its jaxpr": hashlib.sha256(program.text.encode()).hexdigest(),
+            "sha256 of its jaxpr": _digest(program),
             "symmetry": _SYMMETRIES[kind],
         },
         "range": {
@@ -72,9 +98,9 @@ def certificate(family: Family, seconds: float, watch: Callable[[float, float], 
         },
         "theorems": ["mean values on cells of the hemisphere"],
         "assumes": list(_ASSUMES),
-        "work": {"boxes": found.boxes, "cells": found.cells, "seconds": round(found.seconds, 1)},
     }
     if found.point is None:
+        content["boxes"] = list(found.cuts)
         return document(CONSERVES, f"The directional albedo of {formula} is at most 1 for {covered}.", **content)
     place = _place(family, found.point, kind == "none")
     least = written(Fraction(math.floor(Fraction(found.low) * 10**12), 10**12))
@@ -87,6 +113,10 @@ def certificate(family: Family, seconds: float, watch: Callable[[float, float], 
         **content,
         point={**place, "albedo at least": least},
     )
+
+
+def _digest(program: Program) -> str:
+    return hashlib.sha256(program.text.encode()).hexdigest()
 
 
 def _shown(family: Family) -> list[tuple[str, tuple[str, str]]]:

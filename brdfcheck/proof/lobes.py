@@ -130,8 +130,9 @@ class TruncatedPower(Profile):
         rate, end = n / self.k, _end(self.form)
         rest = Interval.of(1 - rate * end)
         if self.clamped:
-            rest = rest.clipped()
-        last, total, divisor = rest ** (self.k + 1), Interval.of(0), Fraction(1)
+            rest = rest.clipped() if rest.high > 0 else Fraction(0)  # exact past the first zero
+        last, divisor = rest ** (self.k + 1), Fraction(1)
+        total: Number = Fraction(0)
         for order, weight in enumerate(_WEIGHTS[self.form]):
             divisor *= rate * (self.k + 1 + order)
             value: Number = Fraction(0)

@@ -69,6 +69,23 @@ def _rounded(a: Enclosed, rounding_method: Any) -> Enclosed:
     return e.steps(np.rint if int(rounding_method) == 1 else _away, a)
 
 
+def _remainder(a: Enclosed, b: Enclosed) -> Enclosed:
+    """What is left of a after as many b as go into it, with the sign of a."""
+    return e.plus(a, e.minus(e.multiply(b, e.steps(np.trunc, e.multiply(a, e.reciprocal(b))))))
+
+
+def _angle(y: Enclosed, x: Enclosed) -> Enclosed:
+    """The angle of (x, y), from the tangent of its half, which the negative x axis does not have."""
+    length = e.sqrt(e.plus(e.multiply(x, x), e.multiply(y, y)))
+    half = e.arctan(e.multiply(y, e.reciprocal(e.plus(length, x))))
+    return e.plus(half, half)
+
+
+def _cube_root(a: Enclosed) -> Enclosed:
+    third = Enclosed((np.array([[np.nextafter(1 / 3, 0)]]), np.array([[np.nextafter(1 / 3, 1)]])))
+    return e.multiply(e.steps(np.sign, a), e.power(e.absolute(a), third))
+
+
 _LOG2 = np.log(2.0)
 
 
@@ -76,13 +93,14 @@ def _scaled(a: Enclosed, low: float, high: float) -> Enclosed:
     return e.multiply(a, Enclosed((np.array([[low]]), np.array([[high]]))))
 
 
-_ONE = e.point(1.0)
+_ONE, _HALF = e.point(1.0), e.point(0.5)
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": e.plus,
     "add_any": e.plus,
     "sub": lambda a, b: e.plus(a, e.minus(b)),
     "mul": e.multiply,
     "div": lambda a, b: e.multiply(a, e.reciprocal(b)),
+    "rem": _remainder,
     "neg": e.minus,
     "max": e.maximum,
     "min": e.minimum,
@@ -93,6 +111,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "log": e.log,
     "log1p": lambda a: e.log(e.plus(a, _ONE)),
     "sqrt": e.sqrt,
+    "cbrt": _cube_root,
     "rsqrt": lambda a: e.reciprocal(e.sqrt(a)),
     "sin": e.sin,
     "cos": e.cos,
@@ -100,6 +119,9 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "asin": e.arcsin,
     "acos": e.arccos,
     "atan": e.arctan,
+    "atan2": _angle,
+    "sinh": lambda a: e.multiply(e.plus(e.exp(a), e.minus(e.exp(e.minus(a)))), _HALF),
+    "cosh": lambda a: e.multiply(e.plus(e.exp(a), e.exp(e.minus(a))), _HALF),
     "tanh": e.tanh,
     "logistic": lambda a: e.reciprocal(e.plus(_ONE, e.exp(e.minus(a)))),
     "erf": e.erf,

@@ -10,8 +10,9 @@ from __future__ import annotations
 import heapq
 import itertools
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -29,15 +30,16 @@ _BALANCE = 0.5
 @dataclass(frozen=True)
 class Found:
     """What a search found. `high`: the albedo is at most that on all boxes. `point`: where it is at least `low` > 1; None:
-    nowhere. `proved`: the part of all boxes on which it is at most 1; `boxes`, `cells`: how many were looked at."""
+    nowhere. `proved`: the part of all boxes on which it is at most 1; `boxes`: how many were looked at. `cuts`: how each of the
+    first boxes was cut: a letter for the variable along which, then its halves in this way, and a point for what is proved."""
 
     high: float
     proved: float
     boxes: int
-    cells: int
     seconds: float
     point: np.ndarray | None = None
-    low: float = 0.0
+    low: float | Fraction = 0.0
+    cuts: tuple[str, ...] = ()
 
 
 class Search:
@@ -52,7 +54,7 @@ class Search:
         watch: Callable[[float, float], None] | None = None,
     ):
         self._hemisphere, self._start, self._seconds, self._watch = hemisphere, time.perf_counter(), seconds, watch
-        self._roots, self._inside, self._count, self._cells = boxes, inside, 0, 0
+        self._roots, self._inside, self._count = boxes, inside, 0
         self._widths = [box.high - box.low for box in boxes]
         self._least_cells = Cells.start(hemisphere.turns)
 
@@ -66,51 +68,71 @@ class Search:
         if violation is not None:
             return self._found(np.inf, 0.0, *violation)
         number = itertools.count()
-        waiting: list[tuple[float, int, int, float, Box, Cells, Bound]] = []
+        waiting: list[tuple[float, int, int, str, float, Box, Cells, Bound]] = []
+        cuts: dict[tuple[int, str], int] = {}
 
-        def look(box: Box, cells: Cells, root: int, share: float, ceiling: float) -> float:
+        def look(box: Box, cells: Cells, root: int, half: str, share: float, ceiling: float) -> float:
             """Bound a box; what is above 1 waits. Its share of all, if it is proved."""
             bound, cells = self._refined(box, cells)
             high = min(bound.high, ceiling)  # what holds of a box holds of its parts
             if high <= 1:
                 return share
-            heapq.heappush(waiting, (-high, next(number), root, share, box, cells, bound))
+            heapq.heappush(waiting, (-high, next(number), root, half, share, box, cells, bound))
             return 0.0
 
         proved, tried = 0.0, 1.0
         for root, box in enumerate(self._roots):
-            proved += look(box, self._least_cells, root, 1 / len(self._roots), np.inf)
+            proved += look(box, self._least_cells, root, "", 1 / len(self._roots), np.inf)
         while waiting and self._spent < self._seconds:
-            high, _, root, share, box, cells, bound = heapq.heappop(waiting)
+            high, _, root, which, share, box, cells, bound = heapq.heappop(waiting)
             if self._watch is not None:
                 self._watch(-high, proved)
             # Where the middle of a box lies above 1, and higher than any seen before, a violation may be shown there.
             if bound.estimate > tried:
                 tried = bound.estimate + 1e-3 * (bound.estimate - 1)
                 place = np.clip(box.middle, self._inside[root].low, self._inside[root].high)
-                low = self._at(place)
+                low = self.at(place)
                 if low > 1:
                     return self._found(-high, proved, place, low)
-            j = self._widest(box, bound, root)
-            for half in box.halves(j):
+            cuts[root, which] = j = self._widest(box, bound, root)
+            for letter, half in zip("01", box.halves(j), strict=True):
                 part = float((half.high[j] - half.low[j]) / (box.high[j] - box.low[j]))
-                proved += look(half, cells, root, share * part, -high)
-        high = max([1.0, *(-entry[0] for entry in waiting)])
-        return self._found(high, 1.0 if not waiting else proved)
+                proved += look(half, cells, root, which + letter, share * part, -high)
+        if waiting:
+            return self._found(max(1.0, -waiting[0][0]), proved)
+        return replace(self._found(1.0, 1.0), cuts=tuple(_as_text(cuts, root) for root in range(len(self._roots))))
+
+    def covered(self, cuts: Sequence[str]) -> bool:
+        """Is the albedo at most 1 on each of the boxes that are left of the first ones after these cuts (`Found.cuts`)?"""
+        for box, text in zip(self._roots, cuts, strict=True):
+            parts, cells = [box], self._least_cells
+            for letter in text:
+                part = parts.pop()
+                if letter != ".":
+                    parts += reversed(part.halves("abcdefghijklmnopqrstuvwxyz".index(letter)))
+                else:  # mostly the cells of a neighbour will do
+                    bound, cells = self._refined(part, cells, 0.0)
+                    if bound.high > 1:
+                        bound, cells = self._refined(part, self._least_cells, 0.0)
+                    if bound.high > 1:
+                        return False
+            if parts:
+                return False
+        return True
 
     def _found(self, high: float, proved: float, point: np.ndarray | None = None, low: float = 0.0) -> Found:
-        return Found(high, proved, self._count, self._cells, self._spent, point, low)
+        return Found(high, proved, self._count, self._spent, point, low)
 
     def _bound(self, box: Box, cells: Cells) -> Bound:
-        self._count, self._cells = self._count + 1, self._cells + cells.s.shape[1]
+        self._count += 1
         return self._hemisphere.bound(box, cells)
 
-    def _refined(self, box: Box, cells: Cells) -> tuple[Bound, Cells]:
-        """The bound of a box, with cells cut finer while they make more of a difference than the box's own width."""
+    def _refined(self, box: Box, cells: Cells, balance: float = _BALANCE) -> tuple[Bound, Cells]:
+        """The bound of a box, with cells cut finer while they make more of a difference than a part of the box's own width."""
         bound = self._bound(box, cells)
         for _ in range(_ROUNDS):
             count, excess, width = cells.s.shape[1], bound.cells.sum(), bound.radii.sum()
-            if bound.high <= 1 or count > _MOST_CELLS or self._spent > self._seconds or not excess > _BALANCE * width:
+            if bound.high <= 1 or count > _MOST_CELLS or self._spent > self._seconds or not excess > balance * width:
                 break
             cells = _cut(cells, bound, _PART)
             bound = self._bound(box, cells)
@@ -124,7 +146,7 @@ class Search:
         score = shares + relative / max(relative.sum(), 1e-300) * min(rough, 1e300) * 0.5
         return int(np.argmax(np.where(box.high > box.low, score, -1.0)))
 
-    def _at(self, place: np.ndarray) -> float:
+    def at(self, place: np.ndarray) -> float:
         """A lower bound of the albedo at one place, above 1 if that can be shown."""
         box, cells = Box(place, place), self._least_cells
         bound = self._bound(box, cells)
@@ -165,8 +187,19 @@ class Search:
             step = step if moved else step / 2
         if height <= 1 - 1e-2:  # so few cells are not exact
             return None
-        low = self._at(place)
+        low = self.at(place)
         return (place, low) if low > 1 else None
+
+
+def _as_text(cuts: Mapping[tuple[int, str], int], root: int) -> str:
+    """The cuts of one of the first boxes as in `Found.cuts`."""
+    text, waiting = [], [""]
+    while waiting:
+        which = waiting.pop()
+        j = cuts.get((root, which))
+        text.append("." if j is None else chr(ord("a") + j))
+        waiting += [] if j is None else [which + "1", which + "0"]
+    return "".join(text)
 
 
 def _cut(cells: Cells, bound: Bound, part: float) -> Cells:

@@ -102,6 +102,12 @@ class _Values:
         columns = [part if len(part) == size else part * size for part in arguments]
         return [self._one(step, row) for row in zip(*columns, strict=True)]
 
+    def _product(self, a: Poly, b: Poly) -> Poly:
+        """Their product; of too many terms it is a new number, if neither changes."""
+        if len(a) * len(b) > _MOST_TERMS and self.unchanging(a) and self.unchanging(b):
+            return self.made("mul", a, b)
+        return _multiply(a, b)
+
     def _one(self, step: Step, row: tuple[Poly, ...]) -> Poly:
         if step.name in ("add", "add_any"):
             return _add(*row)
@@ -110,12 +116,12 @@ class _Values:
         if step.name == "neg":
             return _multiply(_number(-1), row[0])
         if step.name == "mul":
-            return _multiply(*row)
+            return self._product(*row)
         power = {"square": 2}.get(step.name, step.parameters.get("y") if step.name == "integer_pow" else None)
         if power is not None and 0 < power <= 8:
             result = row[0]
             for _ in range(power - 1):
-                result = _multiply(result, row[0])
+                result = self._product(result, row[0])
             return result
         if step.name == "div" and self.unchanging(row[1]):
             return _multiply(row[0], self.made("1/", row[1]))

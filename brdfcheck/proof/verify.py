@@ -9,10 +9,12 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from brdfcheck.messages import one_line
+from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.subject import as_target
+from brdfcheck.messages import UsageError, one_line
 from brdfcheck.proof import facets, functions, mixtures
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
-from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece
+from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, NotProved, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
 
 _EXPONENT = re.compile(r"[^a-z]*\d[eE][-+]?\d+\s*")
@@ -35,14 +37,24 @@ def read(text: str) -> Certificate:
     return Certificate(record)
 
 
-def verify(certificate: Certificate) -> None:
-    """Check a certificate again, believing nothing in it but its versions. Rejected where it does not prove its statement."""
+def verify(certificate: Certificate, target: Any = None, reading: Reading | None = None) -> None:
+    """Check a certificate again, believing nothing in it but its versions. Rejected where it does not prove its statement.
+
+    `target`, `reading`: what a certificate of a program is of, as for `brdfcheck.certify`; the ranges are its own. Of lobes,
+    facets and their sums the certificate says all that is needed. Raises UsageError for a target that cannot be read.
+    """
     record = certificate.record
     _refuse_exponents(record)
     try:
-        again = _proved(record)
+        again = _proved(record) if target is None else _of_program(record, target, reading)
     except Rejected:
         raise
+    except UsageError as error:
+        if target is not None:
+            raise
+        raise Rejected(f"it is damaged: {one_line(error)}") from None
+    except NotProved as error:
+        raise Rejected(str(error)) from None
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise Rejected(f"it is damaged: {type(error).__name__}: {one_line(error)}") from None
     for key in dict.fromkeys((*record, *again.record)):
@@ -61,7 +73,7 @@ def _refuse_exponents(value: Any) -> None:
 def _proved(record: Mapping[str, Any]) -> Certificate:
     """The certificate that the numbers of this one prove. Rejected where they prove none."""
     if record["lobe"]["kind"] == functions.KIND:
-        raise Rejected("it is of a program, and does not hold its boxes: brdfcheck certify finds them again")
+        raise Rejected("it is of a program, which must be given too: brdfcheck certify FILE.py:OBJECT --verify CERTIFICATE")
     if record["lobe"]["kind"] in mixtures.KINDS:
         for part in record["parts"]:
             verify(Certificate(part))
@@ -97,6 +109,18 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
     if piece.side != BELOW or piece.nodes[0] != low or not (piece.onwards or piece.nodes[-1] == high):
         raise Rejected("its boxes do not cover the range")
     return conserving(claim, parameter, low, high, pieces)
+
+
+def _of_program(record: Mapping[str, Any], target: Any, reading: Reading | None) -> Certificate:
+    """The certificate that the boxes or the point of this one prove of this program. Rejected where they prove none."""
+    if record["lobe"]["kind"] != functions.KIND:
+        raise Rejected("it is not of a program: it is checked without one")
+    ranges = {name: (float(low), float(high)) for name, (low, high) in record["range"].items()}
+    cosines = ranges.pop("cos_theta")
+    subject = as_target(target, ranges, cosines, reading)
+    if subject.finding is not None:
+        raise UsageError(subject.finding)
+    return functions.again(record, subject.family)
 
 
 def _ranges(record: Mapping[str, Any]) -> dict[str, tuple[Fraction, Fraction | None]]:

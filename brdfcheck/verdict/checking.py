@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -141,7 +142,9 @@ def check_family(
         if verdict is Verdict.CONSERVES and worst.value < -worst.error:
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
         elif tolerance >= 0 and albedo is not None and albedo.evaluator is None:
-            proof = _proof(family)  # of what is above 1, or not: it says nothing about a lower line
+            # Of what is above 1, or not: a proof says nothing about a lower line. For a violation one point is enough.
+            proof = _proof(family, worst.parameters) if verdict is Verdict.VIOLATES else None
+            proof = proof or _proof(family)
             if verdict is Verdict.VIOLATES and proof is Verdict.VIOLATES:
                 worst = replace(worst, basis="proof")
             elif verdict is not Verdict.VIOLATES and np.isfinite(worst.value) and proof is Verdict.CONSERVES:
@@ -167,10 +170,12 @@ def check_family(
     )
 
 
-def _proof(family: Family) -> Verdict | None:
-    """What is proved of the family in little time; None where nothing is, or it is none of the formulas that proofs know."""
+def _proof(family: Family, place: Mapping[str, float] | None = None) -> Verdict | None:
+    """What is proved of the family, or of its member at `place`, in little time; None where nothing is, or it is none of the
+    formulas that proofs know."""
     try:
-        return Verdict[certify_family(family, most=_BOXES).verdict]
+        ranges = {name: (value, value) for name, value in (place or {}).items() if name in family.ranges}
+        return Verdict[certify_family(family, ranges, most=_BOXES).verdict]
     except (NotProved, UsageError):
         return None
 
