@@ -21,10 +21,11 @@ import numpy as np
 
 from _instruments import renderer
 from _instruments.peers import PEERS, metal_table
-from brdfcheck import GGX, albedo_table, plots
+from brdfcheck import GGX, albedo_table
 from brdfcheck.cores import on_one_core
 from brdfcheck.fits.compact import compact_fits
 from brdfcheck.fits.renderer import renderer_table
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 ORDERS = (16, 32, 64)
@@ -78,22 +79,22 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """Left: error against seconds of the ways to make a table. Right: the largest error of E at each roughness by formulas."""
     colors = {"brdfcheck": "#8C2D04", "numpy": "#0072B2", "Mitsuba": "#661100", "MaterialX, rational": "#009E73"}
-    with plots.house_style():
-        figure = plots.empty(8.0, 3.6)
+    with paper.house_style():
+        figure = paper.empty(8.0, 3.6)
         left, right = figure.subplots(1, 2)
         for way in dict.fromkeys(result["way"] for result in record["results"]):
             own = [result for result in record["results"] if result["way"] == way]
             left.plot([r["seconds"] for r in own], [r["error"] for r in own], "o-", color=colors[way], label=way)
         left.set(xscale="log", yscale="log", xlabel="seconds for one table of E, one core", ylabel="largest error")
-        renderer.decades(left.set_xticks, range(-1, 4))
-        renderer.decades(left.set_yticks, range(-14, 0, 2))
+        paper.decades(left.set_xticks, range(-1, 4))
+        paper.decades(left.set_yticks, range(-14, 0, 2))
         count = record["settings"]["count"]
         nodes = [(k + 0.5) / count for k in range(count)]
         for formula in record["summary"]["formulas"]:
             label = f"{formula['name']}{', functions' if formula['name'] == 'brdfcheck' else ''}"
             right.plot(nodes, formula["by_row"], color=colors.get(formula["name"], "#CC79A7"), label=label)
         right.set(yscale="log", xlabel="roughness", ylabel="largest error of scale + bias = E")
-        renderer.decades(right.set_yticks, range(-4, 1))
+        paper.decades(right.set_yticks, range(-4, 1))
         for axes in (left, right):
             axes.minorticks_off()
             axes.grid(True)

@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Float
 
 from brdfcheck import GGX, albedo_table
-from brdfcheck.plots import superscript
 
 # Of Mitsuba's sampling: samples of a cell, and cells.
 _SAMPLES, _CELLS = (2**10, 2**14), 24
@@ -126,8 +125,3 @@ def formula(name: str, scale: Any, bias: Any, ours: Any, nodes: Any) -> dict[str
         "above_1": int(np.sum(scale + bias > 1)),
         "by_row": [float(value) for value in errors[2].max(axis=1)],
     }
-
-
-def decades(ticks: Callable[..., object], powers: range) -> None:
-    """Ticks at powers of ten."""
-    ticks([10.0**k for k in powers], [f"10{superscript(k)}" for k in powers])
