@@ -38,20 +38,7 @@ _MOVES = frozenset({
 # An addition or multiplication in a product of matrices: by routines made for it.
 _IN_PRODUCTS = 0.2
 # Primitives of a compiled program that compute nothing.
-_FREE = frozenset(
-    (
-        "broadcast_in_dim",
-        "convert_element_type",
-        "copy",
-        "reshape",
-        "squeeze",
-        "slice",
-        "stop_gradient",
-        "select_n",
-        "pjit",
-        "jit",
-    )
-)
+_FREE = _MOVES | {"select_n", "pjit", "jit"}
 
 
 def operations(function: Callable[[Any], Any]) -> Counter[str]:
@@ -82,24 +69,6 @@ def _count(jaxpr: Any) -> Counter[str]:
         elif equation.primitive.name not in _FREE:
             total[equation.primitive.name] += int(np.prod(equation.outvars[0].aval.shape))
     return +total
-
-
-def elements(traced: Any) -> Counter[str]:
-    """Elements that a traced program (of `jax.make_jaxpr`) computes, by primitive; loops as often as they run.
-
-    Raises ValueError for a loop without a fixed count.
-    """
-    total: Counter[str] = Counter()
-    for equation in getattr(traced, "jaxpr", traced).eqns:
-        inner = [part for part in equation.params.values() if hasattr(part, "eqns") or hasattr(part, "jaxpr")]
-        if equation.primitive.name == "while":
-            raise ValueError("a loop of the program has no fixed count")
-        for part in inner:
-            for name, count in elements(part).items():
-                total[name] += count * int(equation.params.get("length", 1))
-        if not inner:
-            total[equation.primitive.name] += sum(int(np.prod(variable.aval.shape)) for variable in equation.outvars)
-    return total
 
 
 def traced(function: Any, *arguments: Any, loops: tuple[float, ...] = ()) -> float:

@@ -17,7 +17,8 @@ import json
 import time
 from typing import Any
 
-from brdfcheck import Factor, Normalized, NotProved, catalog, certify, fit_factor, plots
+from brdfcheck import Factor, Normalized, NotProved, catalog, certify, fit_factor
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import style_of
 from brdfcheck.studies import table
 
@@ -71,8 +72,8 @@ def pictures(record: dict[str, Any]) -> dict[str, bytes]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Boxes, and seconds, against the slack."""
-    with plots.house_style():
-        figure = plots.empty(8.2, 3.8)
+    with paper.house_style():
+        figure = paper.empty(8.2, 3.8)
         panels = figure.subplots(1, 2, sharex=True)
         for name in dict.fromkeys(row["name"] for row in record["results"]):
             rows = [row for row in record["results"] if row["name"] == name and row["boxes"] is not None]

@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from _instruments import transport as measure
-from brdfcheck import catalog, plots, transport
+from brdfcheck import catalog, transport
 from brdfcheck.output import records
 from brdfcheck.plots import paper
 from brdfcheck.plots.styles import ink, style_of
@@ -70,8 +70,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """Energy of a beam; energy between otherwise loss-free walls; below, the radius against the exponent."""
     published = {name for name, _, _ in EXHIBITS}
-    with plots.house_style():
-        figure = plots.empty(8.2, 8.0)
+    with paper.house_style():
+        figure = paper.empty(8.2, 8.0)
         grid = figure.add_gridspec(2, 2)
         beam, late, radius = (figure.add_subplot(place) for place in (grid[0, 0], grid[0, 1], grid[1, :]))
         handles = []
@@ -112,7 +112,7 @@ def plot(record: dict[str, Any]) -> Any:
             (radius, "spectral radius of a sphere", (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)),
         ):
             axes.set_ylabel(what)
-            axes.set_yticks(ticks, [plots.text_of(tick) for tick in ticks])
+            axes.set_yticks(ticks, [paper.text_of(tick) for tick in ticks])
             axes.minorticks_off()
             axes.axhline(1, color="black", linewidth=0.9)
             axes.grid(True)

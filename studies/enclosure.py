@@ -21,8 +21,9 @@ import numpy as np
 
 from _instruments import transport as measure
 from _instruments.transport import LABELS, SOLVERS
-from brdfcheck import plots, transport
+from brdfcheck import transport
 from brdfcheck.output import records
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
@@ -53,8 +54,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """Error against seconds; seconds against patches; radiosity against patches."""
     told = record["summary"]
-    with plots.house_style():
-        figure = plots.empty(12.6, 4.4)
+    with paper.house_style():
+        figure = paper.empty(12.6, 4.4)
         work, growth, refine = figure.subplots(1, 3)
         patches = [cost["patches"] for cost in told["growth"]]
         for name, (color, marker) in SOLVERS.items():
@@ -85,10 +86,9 @@ def plot(record: dict[str, Any]) -> Any:
         for axes in (work, growth, refine):
             axes.minorticks_off()
             axes.grid(True)
-        powers = (-16, -12, -8, -4, 0)
-        work.set_yticks([10.0**power for power in powers], ["10⁻¹⁶", "10⁻¹²", "10⁻⁸", "10⁻⁴", "1"])
+        paper.decades(work.set_yticks, (-16, -12, -8, -4, 0))
         for axis in (work.xaxis, growth.yaxis):
-            axis.set_major_formatter(lambda value, _: plots.text_of(value, 3))
+            axis.set_major_formatter(lambda value, _: paper.text_of(value, 3))
         handles, labels = work.get_legend_handles_labels()
         figure.legend([*handles, line], [*labels, "form factors"], loc="outside upper center", ncols=6, handlelength=2)
     return figure

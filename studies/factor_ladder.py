@@ -18,9 +18,10 @@ from typing import Any
 import jax.numpy as jnp
 
 import brdfcheck
-from brdfcheck import plots
+from _instruments import charts
 from brdfcheck.fits.ladder import cost
 from brdfcheck.output.text import describe
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import ink, style_of
 from brdfcheck.studies import table
 
@@ -63,18 +64,13 @@ def plot(record: dict[str, Any]) -> Any:
     results = record["results"]
     columns = min(len(results), 4)
     lines = -(-(len(results) + (len(results) > 4)) // columns)
-    figure = plots.empty(2.75 * columns + 0.6, 2.3 * lines + 0.5)
-    with plots.house_style():
+    figure = paper.empty(2.75 * columns + 0.6, 2.3 * lines + 0.5)
+    with paper.house_style():
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
         for axes, result in zip(grid.flat, results, strict=False):
             color = style_of(result["name"]).color
             places = [(rung["operations"] + 1, max(rung["lost"], FLOOR)) for rung in result["rungs"]]
-            best, frontier = 2.0, []
-            for place in sorted(places):
-                if place[1] < best:
-                    frontier.append(place)
-                    best = place[1]
-            axes.plot(*zip(*frontier, strict=True), color=color, linewidth=1.6, zorder=2)
+            axes.plot(*zip(*charts.frontier(places), strict=True), color=color, linewidth=1.6, zorder=2)
             letters: dict[tuple[float, float], str] = {}
             for rung, place in zip(result["rungs"], places, strict=True):  # an exact factor may be two forms
                 letters[place] = letters.get(place, "") + LETTERS[rung["form"]]

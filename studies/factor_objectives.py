@@ -17,8 +17,8 @@ import math
 from typing import Any
 
 import brdfcheck
-from brdfcheck import plots
 from brdfcheck.fits.factor import SAMPLINGS
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 NAME = "binomial-power-raw"
@@ -59,8 +59,8 @@ def plot(record: dict[str, Any]) -> Any:
     """The plane of A and B: each fit, its way to the certified factor, and the published constants."""
     colors = {"least-squares": "#0072B2", "reciprocal": "#E69F00", "minimax": "#009E73"}
     markers = {"geometric": "o", "linear": "s", "integers": "^", "continuous": "D"}
-    figure = plots.empty(7.2, 5.0)
-    with plots.house_style():
+    figure = paper.empty(7.2, 5.0)
+    with paper.house_style():
         axes = figure.subplots()
         wanted = record["results"][0]["n"]
         for result in record["results"]:

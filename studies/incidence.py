@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 import brdfcheck
-from brdfcheck import plots
 from brdfcheck.output import curves
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import looks
 from brdfcheck.studies import table
 
@@ -67,8 +67,8 @@ def plot(record: dict[str, Any]) -> Any:
     ratios = record["summary"]["ratios"]
     columns = min(len(ratios), 4)
     rows = math.ceil(len(ratios) / columns)
-    with plots.house_style():
-        figure = plots.empty(2.0 * columns + 0.3, 1.95 * rows + 0.7)
+    with paper.house_style():
+        figure = paper.empty(2.0 * columns + 0.3, 1.95 * rows + 0.7)
         panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
         for axes, name in zip(panels, ratios, strict=False):
             curves = [curve for curve in record["results"] if curve["name"] == name]
@@ -89,7 +89,7 @@ def plot(record: dict[str, Any]) -> Any:
             # Above the axes: within them there is always a curve in the way.
             values = ", ".join(f"{next(iter(curve['at'].values())):g}" for curve in curves)
             lines = [f"{found['parameter']} = {values}"]
-            lines += [f"×{plots.text_of(found['ratio'], 3)} at {found['angle_degrees']:.3g}°"] if elsewhere else []
+            lines += [f"×{paper.text_of(found['ratio'], 3)} at {found['angle_degrees']:.3g}°"] if elsewhere else []
             lines += ["violates: all" if len(above) == len(curves) else f"violates: {', '.join(above)}"] if above else []
             axes.set_title(name, fontsize=8, fontweight="bold" if elsewhere else "normal", pad=4 + 9.5 * len(lines))
             for line, text in enumerate(reversed(lines)):

@@ -19,8 +19,9 @@ import numpy as np
 
 from _instruments import transport as measure
 from _instruments.transport import LABELS, SOLVERS
-from brdfcheck import Normalized, Phong, PhongExact, plots, transport
+from brdfcheck import Normalized, Phong, PhongExact, transport
 from brdfcheck.output import records
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
@@ -63,8 +64,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Left: error of each solver against the reflectance; right: how even the light is."""
-    with plots.house_style():
-        figure = plots.empty(9.6, 4.3)
+    with paper.house_style():
+        figure = paper.empty(9.6, 4.3)
         left, right = figure.subplots(1, 2)
         for j, (name, (color, marker)) in enumerate(SOLVERS.items()):
             own = [r for r in record["results"] if r["method"] == name and r["reflectance"] < 1]
@@ -79,12 +80,12 @@ def plot(record: dict[str, Any]) -> Any:
         direct = {r["reflectance"]: float(r["opposite"]) for r in record["results"] if r["method"] == "direct"}
         for i, rho in enumerate(RHO[3:], 3):
             left.axvspan(i - 0.45, i + 0.45, color="#D55E00", alpha=0.10, linewidth=0)
-            text = f"LU returns\n{plots.text_of(direct[rho], 3)},\nthe series,\nshooting and\npaths refuse"
+            text = f"LU returns\n{paper.text_of(direct[rho], 3)},\nthe series,\nshooting and\npaths refuse"
             left.text(i, 1e-8, text, ha="center", va="center", fontsize=7, color="#8A3C00")
         left.set(yscale="log", ylim=(3e-17, 1), xlim=(-0.5, 4.5), xlabel="reflectance ρ of the wall")
         left.set(ylabel="largest relative error; bar: claimed", title="diffuse wall")
         left.set_xticks(range(5), [f"{rho:g}" for rho in RHO])
-        left.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1], ["10⁻¹⁶", "10⁻¹²", "10⁻⁸", "10⁻⁴", "1"])
+        paper.decades(left.set_yticks, (-16, -12, -8, -4, 0))
         left.minorticks_off()
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=5, handlelength=1.2)
         left.grid(True, axis="y")

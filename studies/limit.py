@@ -27,8 +27,10 @@ import numpy as np
 
 from _instruments import limits, lobe_error, timing
 from _instruments.peers import metal_table
-from brdfcheck import GGX, CookTorrance, plots
+from brdfcheck import GGX, CookTorrance
 from brdfcheck.cores import available_cores
+from brdfcheck.plots import paper
+from brdfcheck.plots.styles import superscript
 from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
@@ -54,7 +56,7 @@ def run(size: str = "full") -> dict[str, Any]:
         limits.zonal(name, n, mu, wide, rounds) for name in (list(limits.FAMILIES) if full else ["phong", "schlick-mirror"])
     ]
     for rtol in limits.TOLERANCES if full else limits.TOLERANCES[:1]:
-        path = f"Beckmann metal, rtol 10{plots.superscript(round(math.log10(rtol)))}"
+        path = f"Beckmann metal, rtol 10{superscript(round(math.log10(rtol)))}"
         results.append(limits.facets(path, limits.METAL, axis, wide["exp"], rounds, rtol, exact))
     if full:
         results.append(limits.zonal("phong", n, mu.astype("float32"), narrow, rounds))
@@ -73,8 +75,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """For each path three marks on a logarithmic axis: the floor, all cores, one core; labels say the ratio to the floor."""
     results, cores = record["results"], record["settings"]["cores"]
-    with plots.house_style():
-        figure = plots.empty(8.0, 0.36 * len(results) + 1.6)
+    with paper.house_style():
+        figure = paper.empty(8.0, 0.36 * len(results) + 1.6)
         axes = figure.subplots()
         for line, result in enumerate(results):
             floor, one, every = (max(result[key], 1e-3) for key in ("floor", "one_core", "all_cores"))
@@ -82,7 +84,7 @@ def plot(record: dict[str, Any]) -> Any:
             for value, look in zip((floor, one, every), LOOKS, strict=True):
                 axes.plot(value, line, **look)
             axes.annotate(
-                f"{plots.text_of(float(f'{one / floor:.2g}'))}x",
+                f"{paper.text_of(float(f'{one / floor:.2g}'))}x",
                 (max(one, every), line),
                 (8, 0),
                 textcoords="offset points",
@@ -97,7 +99,7 @@ def plot(record: dict[str, Any]) -> Any:
             end(max(r[key], 1e-3) for r in results for key in ("floor", "one_core", "all_cores")) for end in (min, max)
         )
         decades = range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
-        axes.set_xticks([10.0**k for k in decades], ["1" if k == 0 else f"10{plots.superscript(k)}" for k in decades])
+        paper.decades(axes.set_xticks, decades)
         axes.set_xlim(low / 2, high * 8)  # room for the last label
         axes.minorticks_off()
         axes.invert_yaxis()

@@ -19,7 +19,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from _instruments import charts, lobe_error, timing
-from brdfcheck import plots
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import LOBES, ink
 from brdfcheck.studies import table
 
@@ -74,8 +74,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """A column an exponent, a row an error; the frontier of what no other formula beats is grey."""
     loop = record["summary"]["nanoseconds"]["loop alone"]["float32"]
-    with plots.house_style():
-        figure = plots.empty(8.6, 9.4)
+    with paper.house_style():
+        figure = paper.empty(8.6, 9.4)
         grid = figure.subplots(len(ROWS), len(EXPONENTS), sharex=True, sharey="row")
         for (i, row), (j, n) in itertools.product(enumerate(ROWS), enumerate(EXPONENTS)):
             axes, results = grid[i][j], [result for result in record["results"] if result["n"] == n]
@@ -101,7 +101,7 @@ def plot(record: dict[str, Any]) -> Any:
                     axes.annotate(text, place, SHIFTS[side], textcoords="offset points", **look)
             axes.set(xscale="log", yscale="log", xlim=(loop / 1.1, MOST), ylim=(least / 1.8, ceiling))
             axes.set_xticks([0.05, 0.1, 0.2, 0.5, 1], ["0.05", "0.1", "0.2", "0.5", "1"])
-            axes.set_yticks([least, *ticks], ["0", *(plots.text_of(tick) for tick in ticks)])
+            axes.set_yticks([least, *ticks], ["0", *(paper.text_of(tick) for tick in ticks)])
             axes.minorticks_off()
             axes.grid(True)
             if row == "max":

@@ -16,6 +16,7 @@ from typing import Any
 import brdfcheck
 from brdfcheck import plots
 from brdfcheck.output import curves
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import ink, style_of
 from brdfcheck.studies import table
 
@@ -43,7 +44,7 @@ def plot(record: dict[str, Any]) -> Any:
     """The four curves, and the neighbourhood of the line at 1 enlarged."""
     figure = plots.figure("albedo-vs-n", record["results"])
     axes = figure.axes[0]
-    with plots.house_style():
+    with paper.house_style():
         near = axes.inset_axes((0.57, 0.07, 0.42, 0.36))
         for curve in record["results"]:
             style = style_of(curve["name"])

@@ -18,9 +18,9 @@ import itertools
 from typing import Any
 
 from _instruments import single
-from brdfcheck import plots
 from brdfcheck.brdf import catalog
 from brdfcheck.output import records
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import LOBES, VARIANTS, ink, style_of
 from brdfcheck.studies import table
 
@@ -61,8 +61,8 @@ def plot(record: dict[str, Any]) -> Any:
     """Profiles, albedos and their bars, and naive forms beside ours."""
     found, exponents = record["summary"], record["settings"]["exponents"]
     dashes = {"pow": (5, 1.6), "exp-log": (1.2, 1.4), "sum": (5, 1.6)}
-    with plots.house_style():
-        figure = plots.empty(10.5, 7.0)
+    with paper.house_style():
+        figure = paper.empty(10.5, 7.0)
         (profile, value, bars), (naive, angle, flush) = figure.subplots(2, 3)
         kinds = dict.fromkeys(VARIANTS[result["name"]][0] for result in record["results"])
         for (axes, key), kind in itertools.product(((profile, "profile"), (value, "error")), kinds):
@@ -97,8 +97,8 @@ def plot(record: dict[str, Any]) -> Any:
             )
         for axes in figure.axes:
             axes.set(xscale="log", yscale="log")
-            axes.xaxis.set_major_formatter(lambda tick, _: plots.power_tick(tick))
-            axes.yaxis.set_major_formatter(lambda tick, _: plots.power_tick(tick))
+            axes.xaxis.set_major_formatter(lambda tick, _: paper.power_tick(tick))
+            axes.yaxis.set_major_formatter(lambda tick, _: paper.power_tick(tick))
             axes.minorticks_off()
             axes.grid(True)
         lines = [profile.plot([], [], color=LOBES[kind][0], marker=LOBES[kind][1], ms=3.5)[0] for kind in kinds]

@@ -15,8 +15,8 @@ import math
 from typing import Any
 
 import brdfcheck
-from brdfcheck import plots
 from brdfcheck.output import records
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import style_of
 from brdfcheck.studies import table
 
@@ -37,8 +37,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """A row a claim: the exponents for which it fails, and the largest albedo."""
     claims = sorted(record["results"], key=lambda claim: -float(claim["albedo"]))
-    with plots.house_style():
-        figure = plots.empty(8.0, 0.42 * len(claims) + 0.8)
+    with paper.house_style():
+        figure = paper.empty(8.0, 0.42 * len(claims) + 0.8)
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.05))
         for row, claim in enumerate(claims):
             color, _, marker = style_of(claim["name"])
@@ -54,7 +54,7 @@ def plot(record: dict[str, Any]) -> Any:
             right.plot([1, shown], [row, row], color=color, linewidth=1.4)
             look = {"color": color, "markerfacecolor": color if filled else "white", "clip_on": False, "zorder": 3}
             right.plot([shown], [row], marker=">" if albedo > MOST else marker, markersize=7, **look)
-            text = f"{plots.text_of(albedo, 5)} at {_place(claim, 4)}"
+            text = f"{paper.text_of(albedo, 5)} at {_place(claim, 4)}"
             shift, across, up = ((-6, 6), "right", "bottom") if far else ((8, 0), "left", "center")
             right.annotate(text, (shown, row), shift, textcoords="offset points", fontsize=7.5, ha=across, va=up)
         right.axvline(1, color="black", linewidth=1.0)

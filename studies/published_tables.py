@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from _instruments import published, renderer
-from brdfcheck import plots
+from _instruments import published
 from brdfcheck.fits.compact import compact_fits
 from brdfcheck.fits.renderer import renderer_table
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 GIVEN = "files of tables: .npy, .csv, C source or a bare list of numbers; FILE#ARRAY"
@@ -59,8 +59,8 @@ def plot(record: dict[str, Any]) -> Any:
     results = record["results"]
     columns = min(3, len(results))
     rows = -(-len(results) // columns)
-    with plots.house_style():
-        figure = plots.empty(8.6, 0.5 + 2.75 * rows)
+    with paper.house_style():
+        figure = paper.empty(8.6, 0.5 + 2.75 * rows)
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         for axes, result in zip(grid.flat, results, strict=False):
             values = np.maximum(np.array(result["map"]), 1e-7)
@@ -77,7 +77,7 @@ def plot(record: dict[str, Any]) -> Any:
         for axes in grid[-1]:
             axes.set_xlabel("cos θ")
         scale = figure.colorbar(image, ax=grid, aspect=40, extend="min")
-        renderer.decades(scale.ax.set_yticks, range(-6, 1))
+        paper.decades(scale.ax.set_yticks, range(-6, 1))
         scale.minorticks_off()
         scale.set_label("largest error of E in each square")
     return figure

@@ -17,6 +17,7 @@ import numpy as np
 import brdfcheck
 from brdfcheck import plots
 from brdfcheck.output import curves
+from brdfcheck.plots import paper
 from brdfcheck.plots.styles import ink, style_of
 from brdfcheck.studies import table
 
@@ -51,7 +52,7 @@ def plot(record: dict[str, Any]) -> Any:
     axes, (curve,), style = figure.axes[0], record["results"], style_of(NAME)
     crossing, claimed = record["summary"]["crossing"], record["settings"]["claimed"]
     at_claim = dict(zip(record["summary"]["exponents"], record["summary"]["albedo"], strict=True))[int(claimed)]
-    with plots.house_style():
+    with paper.house_style():
         near = axes.inset_axes((0.58, 0.44, 0.40, 0.50))
         near.plot(curve["x"], curve["albedo"], color=style.color, linewidth=1.8)
         near.axhline(1, color="black", linewidth=1.0)

@@ -21,8 +21,9 @@ import numpy as np
 
 from _instruments import renderer
 from _instruments.peers import PEERS
-from brdfcheck import GGX, albedo_table, plots
+from brdfcheck import GGX, albedo_table
 from brdfcheck.cores import on_one_core
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 ORDERS = (16, 32, 64)
@@ -73,8 +74,8 @@ def plot(record: dict[str, Any]) -> Any:
     colors = {"brdfcheck": "#8C2D04", "numpy": "#0072B2", "Mitsuba": "#661100", "scipy with numba": "#009E73"}
     jobs = {"GGX": f"GGX, {record['settings']['count']} x {record['settings']['count']}", "Beckmann": "Beckmann metal, 32 x 32"}
     cores = {"GGX": "one core", "Beckmann": "all cores"}
-    with plots.house_style():
-        figure = plots.empty(8.0, 3.6)
+    with paper.house_style():
+        figure = paper.empty(8.0, 3.6)
         for job, axes in zip(jobs, figure.subplots(1, 2), strict=True):
             results = [result for result in record["results"] if result["job"] == job]
             for way in dict.fromkeys(result["way"] for result in results):
@@ -82,8 +83,8 @@ def plot(record: dict[str, Any]) -> Any:
                 axes.plot([r["seconds"] for r in own], [r["error"] for r in own], "o-", color=colors[way], label=way)
             axes.set(xscale="log", yscale="log", xlabel=f"seconds, {cores[job]}", title=jobs[job])
             axes.set(xlim=(0.01, 1000), ylim=(1e-15, 1), ylabel="largest error" if job == "GGX" else "")
-            renderer.decades(axes.set_xticks, range(-2, 4))
-            renderer.decades(axes.set_yticks, range(-14, 1, 2))
+            paper.decades(axes.set_xticks, range(-2, 4))
+            paper.decades(axes.set_yticks, range(-14, 1, 2))
             axes.minorticks_off()
             axes.grid(True)
             if results:

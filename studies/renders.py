@@ -18,7 +18,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck import plots
+from brdfcheck.plots import paper
 from brdfcheck.scene import failures, images, meshes, presets, white_furnace
 from brdfcheck.studies import table
 
@@ -77,8 +77,8 @@ def plot(record: dict[str, Any]) -> Any:
     """Three pictures, what smooth shading loses against the number of faces, and the excess in the furnace."""
     smooth, furnace = record["summary"]["smooth"], record["summary"]["furnace"]
     faces, sides = [row["faces"] for row in smooth], {row["name"]: row["side"] for row in record["results"]}
-    with plots.house_style():
-        figure = plots.empty(10.0, 6.8)
+    with paper.house_style():
+        figure = paper.empty(10.0, 6.8)
         top, (left, middle, right) = figure.subplots(2, 3)
         for axes, (name, title) in zip(top, SHOWN.items(), strict=True):
             image = presets.render_preset(name, sides.get(name, 16))  # the programs of `pictures`

@@ -23,10 +23,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.image import imread
 
-from brdfcheck import budget, plots
+from brdfcheck import budget
 from brdfcheck.budgets import report
 from brdfcheck.budgets.report import cells, sentences
-from brdfcheck.plots import with_few_colours
+from brdfcheck.plots import paper, with_few_colours
 from brdfcheck.scene.images import png_bytes
 from brdfcheck.studies import table
 
@@ -89,8 +89,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """A row a scene: the full picture, the budgeted one, their difference, and error against cost."""
     results = record["results"]
-    with plots.house_style():
-        figure = plots.empty(9.4, 0.8 + 2.15 * len(results))
+    with paper.house_style():
+        figure = paper.empty(9.4, 0.8 + 2.15 * len(results))
         grid = figure.subplots(len(results), 4, squeeze=False, width_ratios=(1, 1, 1, 1.7))
         figure.set_layout_engine("constrained", h_pad=0.22, rect=(0.005, 0, 0.99, 0.995))
         for number, (row, result) in enumerate(zip(grid, results, strict=True)):

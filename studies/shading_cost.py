@@ -22,7 +22,7 @@ import jax
 import numpy as np
 
 from _instruments.charts import frontier
-from brdfcheck import plots
+from brdfcheck.plots import paper
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.lights import Distant
 from brdfcheck.scene.materials import Surface, Term
@@ -85,8 +85,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Error against time; numbers are faces; float64 is hollow. The exact sphere, far below, stands on the lower edge."""
-    with plots.house_style():
-        figure = plots.empty(8.0, 5.6)
+    with paper.house_style():
+        figure = paper.empty(8.0, 5.6)
         axes = figure.subplots()
         axes.set(xscale="log", yscale="log")
         edge = frontier([(result["milliseconds"], result["rms"]) for result in record["results"] if result["faces"]])
@@ -107,7 +107,7 @@ def plot(record: dict[str, Any]) -> Any:
                     axes.annotate(f"{result['faces']:,} faces", xytext=(-7, -2), ha="right", **here)
         ticks, decades = [1, 2, 5, 10, 20, 50], range(-3, 1)
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
-        axes.set_yticks([10.0**k for k in decades], [f"10{plots.superscript(k)}" for k in decades])
+        paper.decades(axes.set_yticks, decades)
         axes.minorticks_off()
         axes.set(xlim=(1, 50), ylim=(FLOOR, 1), xlabel="milliseconds for one image, warm", ylabel="rms error of linear RGB")
         axes.grid(True)

@@ -7,9 +7,7 @@ by more than 1e-2, and 78 do not fit into the precision. Rules whose nodes follo
 or lose digits in 11 of 304 cells of float64; Monte Carlo, lattices and product rules hold in 9 to 65 % and break in 11 to 27 %
 but for lobe-importance sampling (up to 7 %), because their samples do not move with the lobe.
 
-The matrix: 28 lobes about an axis at 12 exponents from 0.01 to 10^7 and 4 microfacet lobes at 7 slopes from 0.001 to 2, at 8
-angles from 0 to 90 degrees, in float64 and float32. References: ball arithmetic, slope-space integrals and, for microfacets at
-90 degrees, the limit, in stability.csv beside this file: derivatives to 1e-12, of microfacets to 1e-5. n dE/dn (m dE/dm)
+The matrix and its references are those of the study stability: derivatives to 1e-12, of microfacets to 1e-5. n dE/dn (m dE/dm)
 and dE/dtheta by reverse-mode differentiation of the production rule for every lobe; of the other rules, whose programs take
 longest to compile, for Phong's lobe and GGX.
 """

@@ -24,8 +24,8 @@ from typing import Any
 
 from matplotlib.ticker import MaxNLocator
 
-from brdfcheck import plots
 from brdfcheck.cores import available_cores
+from brdfcheck.plots import paper
 from brdfcheck.processes import run_all
 from brdfcheck.studies import table
 from brdfcheck.sweep import Plan, fill, parse
@@ -98,8 +98,8 @@ def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]
 
 def plot(record: dict[str, Any]) -> Any:
     """A bar for each way, one panel for the cheap cells and one for the dear ones."""
-    figure = plots.empty(6.9, 2.9)
-    with plots.house_style():
+    figure = paper.empty(6.9, 2.9)
+    with paper.house_style():
         panels = figure.subplots(1, 2)
         for axes, cells in zip(panels, ("cheap", "dear"), strict=True):
             rows = [result for result in record["results"] if result["cells"] == cells]

@@ -15,15 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import runpy
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import brdfcheck
-from brdfcheck import plots
+from _instruments import user_checks, user_families, user_scan
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 ALONE = True  # times programs on all cores
@@ -32,25 +31,19 @@ SMALL = ("minnaert", "oren_nayar_numpy")
 BARS = {"before": "#BBBBBB", "now": "#0072B2", "kept": "#56B4E9"}
 
 
-def instrument(name: str) -> SimpleNamespace:
-    """What a file of studies/_instruments defines."""
-    return SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parent / "_instruments" / f"{name}.py")))
-
-
 def run(size: str = "full", given: Sequence[str | Path] = ()) -> dict[str, Any]:
     """All families (small: two of them, fewer points): checks now and before, and brute force."""
-    families, scans, checks = (instrument(f"user_{part}") for part in ("families", "scan", "checks"))
     here, baseline = Path(brdfcheck.__file__).parents[1], given[0] if given else None
     if baseline and not Path(baseline, "brdfcheck", "__init__.py").is_file():
         raise ValueError(f"a folder that holds the package brdfcheck is needed; got {str(baseline)!r}")
     results, full = [], size == "full"
-    for name in families.FAMILIES if full else SMALL:
-        subject = families.FAMILIES[name]
-        rule = scans.Rule(subject)
-        found = scans.scan(rule, 1 << (8 if not full else 12 if subject.numpy else 15))
-        answers = {"now": checks.check(name, here, kept=full)}
-        answers |= {"before": checks.check(name, Path(baseline))} if baseline else {}
-        flags = {part: checks.faults(answer, found, rule) for part, answer in answers.items()}
+    for name in user_families.FAMILIES if full else SMALL:
+        subject = user_families.FAMILIES[name]
+        rule = user_scan.Rule(subject)
+        found = user_scan.scan(rule, 1 << (8 if not full else 12 if subject.numpy else 15))
+        answers = {"now": user_checks.check(name, here, kept=full)}
+        answers |= {"before": user_checks.check(name, Path(baseline))} if baseline else {}
+        flags = {part: user_checks.faults(answer, found, rule) for part, answer in answers.items()}
         if {answer["verdict"] for answer in answers.values()} == {"CONSERVES", "VIOLATES"}:
             flags["both"] = [f"{answers['now']['verdict']} now, {answers['before']['verdict']} before"]
         about = {"label": subject.label, "source": subject.build.__doc__, "ranges": subject.ranges}
@@ -62,7 +55,7 @@ def run(size: str = "full", given: Sequence[str | Path] = ()) -> dict[str, Any]:
         told = {key: [row["name"] for row in results if row["flags"].get(key)] for key in ("before", "both")}
         ratio = statistics.median(row["ratio"] for row in results)
         summary |= {"median_ratio": ratio, "flagged_before": told["before"], "contradict": told["both"]}
-    settings = {"version": checks.version(here), "baseline": checks.version(Path(baseline)) if baseline else None}
+    settings = {"version": user_checks.version(here), "baseline": user_checks.version(Path(baseline)) if baseline else None}
     return {"settings": settings, "results": results, "summary": summary}
 
 
@@ -73,8 +66,8 @@ def plot(record: dict[str, Any]) -> Any:
     times["kept"] = [row["now"]["kept_seconds"] for row in rows if row["now"]["kept_seconds"]]
     shown = [part for part in BARS if times[part]]
     longest = max(max(times[part]) for part in shown)
-    with plots.house_style():
-        figure = plots.empty(8.2, 0.15 * (len(shown) + 0.8) * len(rows) + 1.0)
+    with paper.house_style():
+        figure = paper.empty(8.2, 0.15 * (len(shown) + 0.8) * len(rows) + 1.0)
         axes = figure.subplots()
         for place, part in enumerate(shown):
             heights = [row + (place - (len(shown) - 1) / 2) * 0.26 for row in range(len(rows))]

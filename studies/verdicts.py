@@ -19,8 +19,8 @@ from typing import Any
 
 from _instruments import stability
 from _instruments.outcome_charts import OUTCOMES
-from brdfcheck import plots
 from brdfcheck.cores import available_cores
+from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
 SMALL = ("phong",)
@@ -45,8 +45,8 @@ def run(size: str = "full") -> dict[str, Any]:
 def plot(record: dict[str, Any]) -> Any:
     """A bar for each set of verdicts: right, undecided, false."""
     colors = (OUTCOMES["holds"], OUTCOMES["loses digits"], OUTCOMES["lies"])
-    figure = plots.empty(7.2, 2.4)
-    with plots.house_style():
+    figure = paper.empty(7.2, 2.4)
+    with paper.house_style():
         axes = figure.subplots()
         for place, result in enumerate(record["results"]):
             undecided, false = result["undecided"], result["false"]

@@ -17,6 +17,15 @@ from brdfcheck.gate import cache
 Run = Callable[..., tuple[int, str, str]]
 Write = Callable[..., Path]
 
+SWEEP = """
+brdf = "phong"
+[axes]
+n = { geomspace = [1, 1000, 60] }
+cos_theta = { linspace = [0.05, 1, 240] }
+[chunks]
+cos_theta = 1
+"""
+"""A sweep of 240 chunks."""
 MINE = """
     from brdfcheck import Lambert
     from gray_of_mine import GRAY

@@ -24,6 +24,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.cli import ExitCode, output
 from brdfcheck.cli import process as running
 from brdfcheck.output import text as console
+from brdfcheck.verdict import words
 from brdfcheck.verdict.supremum import NORMAL_IS_WORST
 
 ROOT = Path(brdfcheck.__file__).parent.parent
@@ -394,26 +395,26 @@ def test_plain_lines_are_plain(reports: list) -> None:
         line = console.plain_line(report)
         assert line.isascii()
         assert line.isprintable()
-    assert console.exact(1e-9) == "1e-9"
-    assert console.exact(0.25) == "0.25"
-    assert [console.count_text(count) for count in (7, 78_000, 1_200_000, 3e9)] == ["7", "78k", "1.2M", "3G"]
+    assert words.exact(1e-9) == "1e-9"
+    assert words.exact(0.25) == "0.25"
+    assert [words.count_text(count) for count in (7, 78_000, 1_200_000, 3e9)] == ["7", "78k", "1.2M", "3G"]
 
 
 def test_what_an_answer_rests_on_in_words(reports: list) -> None:
     from dataclasses import replace
 
     report = replace(reports[0], basis="search", points=12_345, climbs=1, settled=True, width={})
-    assert console.basis_text(report) == "search, 12.3k points, 1 climb"
+    assert words.basis_text(report) == "search, 12.3k points, 1 climb"
     width = {"n": 1e-3, "angle": 0.25, "azimuth": 1.5, "cell": 0.02}
-    assert console.basis_text(replace(report, settled=False, width=width)) == (
+    assert words.basis_text(replace(report, settled=False, width=width)) == (
         "search, 12.3k points, 1 climb, not settled, could miss 0.1 % of n, 0.25 deg of the angle, 1.5 deg of the azimuth"
         " or 2 % of all at once"
     )
     proof = replace(report, basis="proof", settled=False, width=width)  # which nothing can slip through
-    assert console.basis_text(proof) == "proof: at most 1 in exact arithmetic (brdfcheck certify), 12.3k points for the largest"
-    assert console.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
+    assert words.basis_text(proof) == "proof: at most 1 in exact arithmetic (brdfcheck certify), 12.3k points for the largest"
+    assert words.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
     theorem = f"theorem: {NORMAL_IS_WORST}, 12.3k points over the parameters"
-    assert console.basis_text(replace(report, basis="theorem", width={"n": 0.01})) == f"{theorem}, could miss 1 % of n"
+    assert words.basis_text(replace(report, basis="theorem", width={"n": 0.01})) == f"{theorem}, could miss 1 % of n"
 
 
 def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
@@ -421,12 +422,12 @@ def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
 
     for channel, count, text in ((0, 3, "channel=red"), (2, 3, "channel=blue"), (5, 8, "channel=5")):
         report = replace(reports[0], channel=channel, channels=count)
-        assert console.place_text(report).endswith(f"{text} angle=0 deg")
-    assert "channel" not in console.place_text(reports[0])
+        assert words.place_text(report).endswith(f"{text} angle=0 deg")
+    assert "channel" not in words.place_text(reports[0])
     endless = replace(reports[0], albedo=float("inf"), error=float("inf"), unbounded="towards n=3 cos=0.5")
-    assert console.albedo_text(endless) == "grows without bound towards n=3 cos=0.5"
-    assert console.albedo_text(replace(endless, unbounded=None)) == "infinite"
-    assert console.albedo_text(replace(endless, albedo=float("nan"))) == "not a number"
+    assert words.albedo_text(endless) == "grows without bound towards n=3 cos=0.5"
+    assert words.albedo_text(replace(endless, unbounded=None)) == "infinite"
+    assert words.albedo_text(replace(endless, albedo=float("nan"))) == "not a number"
 
 
 # --- the package's public names ---

@@ -22,7 +22,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import load
 from brdfcheck.cli import ExitCode
-from brdfcheck.cli.view import _has_display
+from brdfcheck.cli.output import has_display
 from brdfcheck.fits.slices import AZIMUTH, Axis, Slices, slices
 from brdfcheck.output.html import Entry, heading, page
 from brdfcheck.output.html.tables import NO_VALUE, encoded, squeezed, table_object
@@ -236,9 +236,9 @@ def test_a_browser_is_opened_where_there_is_a_display(monkeypatch: pytest.Monkey
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert not _has_display()
+    assert not has_display()
     monkeypatch.setenv("DISPLAY", ":0")
-    assert _has_display()
+    assert has_display()
 
 
 def test_sweep_writes_a_page(run: Any, here: Path) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from _instruments import limits
-from brdfcheck.operations import elements
 
 pytestmark = pytest.mark.slow  # an instrument of studies
 TIMES = {"multiply-add": 0.1, "division": 0.5, "exp": 1.0}
@@ -42,13 +39,3 @@ def test_floors():
     metal = limits.facets("metal", limits.METAL, np.array([0.2, 0.6]), 1.0, 1, 1e-4)
     assert metal["floor"] == metal["evaluations"] > 1000
     assert "error" not in metal
-
-
-def test_elements_of_loops_are_counted_as_often_as_they_run():
-    def loop(x):
-        return jax.lax.map(lambda y: jnp.exp(jnp.sin(y)), x)
-
-    found = elements(jax.make_jaxpr(loop)(jnp.ones((7, 5))))
-    assert (found["exp"], found["sin"]) == (35, 35)
-    with pytest.raises(ValueError, match="no fixed count"):
-        elements(jax.make_jaxpr(lambda x: jax.lax.while_loop(lambda y: y < 9, lambda y: y + 1, x))(1))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
-import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -17,6 +15,7 @@ import pytest
 from scipy import integrate
 
 import brdfcheck
+from _instruments import user_checks, user_families, user_scan
 from brdfcheck import studies
 
 pytestmark = pytest.mark.slow  # an instrument of studies
@@ -31,18 +30,7 @@ def as_users_have_it():
         yield
 
 
-def instrument(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"tests_{name}", ROOT / "studies" / "_instruments" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-FAMILIES_MODULE, SCAN, CHECKS = instrument("user_families"), instrument("user_scan"), instrument("user_checks")
-FAMILIES = FAMILIES_MODULE.FAMILIES
+FAMILIES = user_families.FAMILIES
 
 
 def unit(cosine: Any, azimuth: Any) -> np.ndarray:
@@ -100,7 +88,7 @@ def test_isotropic_where_it_is_scanned_so(name):
 
 
 def test_eon_keeps_all_energy_of_white():
-    rule = SCAN.Rule(FAMILIES["eon"])
+    rule = user_scan.Rule(FAMILIES["eon"])
     for sigma, cosine in ((0.3, 0.2), (1.0, 0.7), (1.0, 0.01)):
         assert rule.at({"rho": 1.0, "sigma": sigma}, cosine, 0.0)[0] == pytest.approx(1, abs=1e-12)
     assert rule.at({"rho": 0.4, "sigma": 0.0}, 0.5, 0.0)[0] == pytest.approx(0.4 + 1e-7 * 0.16, abs=1e-15)  # its guard
@@ -108,11 +96,11 @@ def test_eon_keeps_all_energy_of_white():
 
 def test_albedos_in_closed_form():
     # Minnaert: A cos^(k-1).
-    value, error = SCAN.Rule(FAMILIES["minnaert"]).at({"albedo": 0.5, "k": 0.6}, 0.3, 0.0)
+    value, error = user_scan.Rule(FAMILIES["minnaert"]).at({"albedo": 0.5, "k": 0.6}, 0.3, 0.0)
     assert abs(value - 0.5 * 0.3**-0.4) <= max(error, 1e-13)
     # Oren-Nayar at grazing: a + b/2.
     s2 = 0.2**2
-    value = SCAN.Rule(FAMILIES["oren_nayar_numpy"]).at({"sigma": 0.2}, 0.0, 0.0)[0]
+    value = user_scan.Rule(FAMILIES["oren_nayar_numpy"]).at({"sigma": 0.2}, 0.0, 0.0)[0]
     assert value == pytest.approx(1 - 0.5 * s2 / (s2 + 0.33) + 0.225 * s2 / (s2 + 0.09), abs=1e-8)
 
 
@@ -120,7 +108,7 @@ def test_hapke_without_surge_and_phase_function_scatters_isotropically():
     def many(x):
         return (1 + 2 * x) / (1 + 2 * x * math.sqrt(0.1))
 
-    value, error = SCAN.Rule(FAMILIES["hapke"]).at({"w": 0.9, "g": 0.0, "h": 0.1, "b0": 0.0}, 0.7, 0.0)
+    value, error = user_scan.Rule(FAMILIES["hapke"]).at({"w": 0.9, "g": 0.0, "h": 0.1, "b0": 0.0}, 0.7, 0.0)
     expected = 0.45 * many(0.7) * integrate.quad(lambda x: many(x) * x / (0.7 + x), 0, 1, epsabs=1e-13)[0]
     assert abs(value - expected) <= error + 1e-12
 
@@ -129,7 +117,7 @@ def test_the_film_without_thickness_is_the_metal():
     cosine, metal = np.linspace(0.05, 1, 9), 2.2 + 3.0j
     q = np.sqrt(metal**2 - 1 + cosine**2)
     s, p = np.abs((cosine - q) / (cosine + q)) ** 2, np.abs((metal**2 * cosine - q) / (metal**2 * cosine + q)) ** 2
-    airy = FAMILIES_MODULE._airy
+    airy = user_families._airy
     np.testing.assert_allclose(airy(jnp.asarray(cosine), 0.0, 1.6, 550.0), (s + p) / 2, rtol=1e-12)
     # Half a wave in the film changes nothing at normal incidence, a quarter does.
     half, quarter = airy(1.0, 550 / 1.6 / 2, 1.6, 550.0), airy(1.0, 550 / 1.6 / 4, 1.6, 550.0)
@@ -146,7 +134,9 @@ def test_f82_is_the_tint_at_its_angle():
 
 def test_the_matte_part_of_kelemen_gives_back_what_the_coat_leaves():
     """With coat (smooth, its albedo exact): a + rd (1 - a), so the matte part alone is rd (1 - a)."""
-    with_matte, without = (SCAN.Rule(FAMILIES["kelemen"]).at({"m": 0.3, "rd": rd, "f0": 0.1}, 0.4, 0.0)[0] for rd in (0.7, 0))
+    with_matte, without = (
+        user_scan.Rule(FAMILIES["kelemen"]).at({"m": 0.3, "rd": rd, "f0": 0.1}, 0.4, 0.0)[0] for rd in (0.7, 0)
+    )
     assert with_matte - without == pytest.approx(0.7 * (1 - 0.1 - 0.9 * 0.6**5), rel=1e-9)
 
 
@@ -165,7 +155,7 @@ def test_a_needle_that_reflects_all_light_is_decided():
 def test_the_rule_is_as_good_as_it_says(name):
     subject = FAMILIES[name]
     member = members(subject)[-1]
-    value, error = SCAN.Rule(subject).at(member, 0.4, 0.9)
+    value, error = user_scan.Rule(subject).at(member, 0.4, 0.9)
     other = brdfcheck.albedo(subject.build(**member), 0.4, azimuth=0.9, rtol=1e-7)
     assert abs(value - float(np.max(other.value))) <= error + float(np.max(other.error))
     assert error < 1e-4 * value
@@ -175,7 +165,7 @@ def test_the_rule_is_as_good_as_it_says(name):
 @pytest.mark.parametrize("whole", [False, True])
 def test_directions_cover_the_hemisphere(pole, whole):
     for cosine in (1.0, 0.6, 1e-9):
-        wi, wo, weight = SCAN.directions(np, cosine, 0.7, SCAN.MEDIUM, pole=pole, whole=whole)
+        wi, wo, weight = user_scan.directions(np, cosine, 0.7, user_scan.MEDIUM, pole=pole, whole=whole)
         np.testing.assert_allclose(wi, unit(cosine, 0.7), atol=1e-15)
         np.testing.assert_allclose(np.linalg.norm(wo, axis=-1), 1, rtol=1e-13)
         assert np.all(wo[:, 2] > 0)
@@ -199,23 +189,23 @@ def bump(place, height):
 
 
 def test_a_scan_finds_the_largest_albedo_within_and_at_corners():
-    subject = FAMILIES_MODULE.Subject(bump, {"place": (0.0, 1.0), "height": (0.0, 1.0)})
-    found = SCAN.scan(SCAN.Rule(subject), 256)
+    subject = user_families.Subject(bump, {"place": (0.0, 1.0), "height": (0.0, 1.0)})
+    found = user_scan.scan(user_scan.Rule(subject), 256)
     assert found.value == pytest.approx(1, abs=1e-5)
     assert found.parameters == {"place": pytest.approx(0.712, abs=1e-3), "height": 1}
     assert found.cos_theta == pytest.approx(0.37, abs=1e-3)
     assert not found.unbounded
-    assert found.evaluations > 256 * SCAN.COARSE[0] * SCAN.COARSE[1]
+    assert found.evaluations > 256 * user_scan.COARSE[0] * user_scan.COARSE[1]
 
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_albedos_are_finite_down_to_grazing_incidence(name):
     """Where both directions are almost opposite: no cancellation, no 0/0."""
     subject = FAMILIES[name]
-    rule = SCAN.Rule(subject)
+    rule = user_scan.Rule(subject)
     rows = np.array([list(member.values()) for member in members(subject)])
-    for cosine in (SCAN.LEAST, 1e-7, 1e-5):
-        values = rule(rows, np.full(len(rows), cosine), np.full(len(rows), 2.69), SCAN.MEDIUM)
+    for cosine in (user_scan.LEAST, 1e-7, 1e-5):
+        values = rule(rows, np.full(len(rows), cosine), np.full(len(rows), 2.69), user_scan.MEDIUM)
         assert np.all(np.isfinite(values))
         assert np.all(values >= 0)
         if name in ("ashikhmin_shirley", "ward_bounded", "f82_metal", "thin_film", "eon"):
@@ -223,7 +213,7 @@ def test_albedos_are_finite_down_to_grazing_incidence(name):
 
 
 def test_a_scan_tells_what_grows_without_bound():
-    assert SCAN.scan(SCAN.Rule(FAMILIES["minnaert"]), 256, rounds=2).unbounded
+    assert user_scan.scan(user_scan.Rule(FAMILIES["minnaert"]), 256, rounds=2).unbounded
 
 
 # --- answers against brute force ---
@@ -238,7 +228,7 @@ def found(value: float, unbounded=False) -> Any:
 
 
 def flags(given: dict[str, Any], seen: Any, there: float) -> list[str]:
-    return CHECKS.faults(given, seen, SimpleNamespace(at=lambda *place: (there, 1e-7)))
+    return user_checks.faults(given, seen, SimpleNamespace(at=lambda *place: (there, 1e-7)))
 
 
 def test_what_excludes_each_other_is_told():
@@ -258,7 +248,7 @@ def test_what_excludes_each_other_is_told():
 
 
 def test_a_check_is_a_process_of_the_package_that_was_given():
-    told = CHECKS.check("oren_nayar_numpy", ROOT, kept=True)
+    told = user_checks.check("oren_nayar_numpy", ROOT, kept=True)
     assert told["verdict"] == "VIOLATES"
     assert told["albedo"] == pytest.approx(1.0151787783, abs=1e-9)
     assert told["parameters"] == {"sigma": pytest.approx(0.19853, abs=1e-4)}
@@ -270,7 +260,6 @@ def test_a_check_is_a_process_of_the_package_that_was_given():
 def record():
     """The small study with canned answers: an older version that takes three times as long and errs on Oren-Nayar."""
     module = studies.load(STUDY)
-    own = module.instrument
     place = {"parameters": {"albedo": 1.0, "k": 0.5, "sigma": 0.1985}, "cos_theta": 1e-9, "azimuth": 0.0}
 
     def check(name, folder, *, kept=False):
@@ -279,11 +268,8 @@ def record():
         told = {"verdict": "CONSERVES" if albedo < 1 else "VIOLATES", "albedo": albedo, "error": 1e-8, "evaluations": 10**7}
         return {"seconds": 6.0 if old else 2.0, "kept_seconds": 1.5 if kept else None, "findings": [], **told, **place}
 
-    def instrument(name):
-        return SimpleNamespace(**{**vars(own(name)), **({"check": check} if name == "user_checks" else {})})
-
     with pytest.MonkeyPatch.context() as patch, jax.numpy_dtype_promotion("standard"):
-        patch.setattr(module, "instrument", instrument)
+        patch.setattr(user_checks, "check", check)
         patch.setattr(studies, "load", lambda study: module)
         return json.loads(studies.to_json(studies.record_of(STUDY, "small", [ROOT / "tests" / ".."])))
 

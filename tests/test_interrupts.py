@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from projects import SWEEP
 from selection import few
 
 import brdfcheck
@@ -35,14 +36,6 @@ terms = [{ brdf = "lambert", tint = [0.6, 0.3, 0.1] }, { brdf = "blinn-phong", t
 [[lights]]
 kind = "distant"
 direction = [1, 1, 2]
-"""
-SWEEP = """
-brdf = "phong"
-[axes]
-n = { geomspace = [1, 1000, 60] }
-cos_theta = { linspace = [0.05, 1, 240] }
-[chunks]
-cos_theta = 1
 """
 # What each command is asked, and about how many seconds it takes with a full cache.
 COMMANDS = {

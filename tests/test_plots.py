@@ -191,8 +191,8 @@ def test_few_colours_keep_the_colour_of_a_small_patch():
     from matplotlib.patches import Patch
     from PIL import Image
 
-    with plots.house_style():  # a legend on a page of one hue, on which many words have edges of many colours
-        figure = plots.empty(8, 8)
+    with paper.house_style():  # a legend on a page of one hue, on which many words have edges of many colours
+        figure = paper.empty(8, 8)
         axes = figure.subplots()
         axes.imshow(np.indices((40, 40)).sum(axis=0) % 7 > 2, cmap="Greens", vmin=-3, vmax=6)
         for i in range(12):
@@ -365,7 +365,7 @@ def test_direct_labels_while_they_fit():
 
 @pytest.mark.parametrize("places", [[], [0.5], [0.5, 0.5, 0.5], [0, 0, 0], [1, 1, 1, 1], [0.1, 0.11, 0.9, 0.91, 0.911]])
 def test_labels_move_as_little_as_need_be(places):
-    moved = paper._spread(places, 0.1)
+    moved = paper.apart(places, 0.1).tolist()
     assert all(later - earlier > 0.1 - 1e-12 for earlier, later in itertools.pairwise(moved))
     assert all(-1e-12 <= place <= 1 + 1e-12 for place in moved)
     if places in ([0.5], [0.1, 0.3]):

@@ -21,6 +21,7 @@ import jax
 import numpy as np
 import pytest
 import xarray
+from projects import SWEEP
 
 import brdfcheck
 from brdfcheck import cli
@@ -36,14 +37,6 @@ SMALL = {
     "axes": {"n": {"geomspace": [1, 100, 5]}, "cos_theta": {"linspace": [0.1, 1, 7]}},
     "chunks": {"cos_theta": 3},
 }
-LARGER = """
-brdf = "phong"
-[axes]
-n = { geomspace = [1, 1000, 60] }
-cos_theta = { linspace = [0.05, 1, 240] }
-[chunks]
-cos_theta = 1
-"""
 
 
 def contents(folder: Path, *, seconds: bool = True) -> dict[str, bytes | None]:
@@ -90,9 +83,9 @@ def out(whole, tmp_path):
 
 @pytest.fixture
 def config(tmp_path):
-    """Writes a configuration, LARGER by default, with replacements."""
+    """Writes a configuration, SWEEP by default, with replacements."""
 
-    def write(*replacements: tuple[str, str], text: str = LARGER) -> Path:
+    def write(*replacements: tuple[str, str], text: str = SWEEP) -> Path:
         for old, new in replacements:
             assert old in text
             text = text.replace(old, new)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck import plots
 from brdfcheck.budgets.measure import Budget, Rung
 from brdfcheck.output import records
 from brdfcheck.scene.canvas import color_scale, false_color, stacked
@@ -101,8 +100,10 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
 
 def chart(record: Mapping[str, Any]) -> Any:
     """Error against work: all that was rendered, the frontier, the chosen one."""
-    with plots.house_style():
-        figure = plots.empty(7.0, 4.6)
+    from brdfcheck.plots import paper
+
+    with paper.house_style():
+        figure = paper.empty(7.0, 4.6)
         draw(figure.subplots(), record)
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncol=5, handlelength=2.0)
     return figure
@@ -110,6 +111,8 @@ def chart(record: Mapping[str, Any]) -> Any:
 
 def draw(axes: Any, record: Mapping[str, Any]) -> None:
     """The chart on axes of one's own, within the house's style, their labels short."""
+    from brdfcheck.plots import paper
+
     full, summary = 2 ** record["settings"]["bits"] - 1, record["summary"]
     tolerance = record["settings"]["tolerance"]["pixel"] * full
     floor = max(min(tolerance, 1.0) * 1e-4, 1e-7)
@@ -129,7 +132,7 @@ def draw(axes: Any, record: Mapping[str, Any]) -> None:
     axes.axhspan(floor / 3, tolerance, color="#009E73", alpha=0.08, linewidth=0)
     axes.axhline(tolerance, color="#009E73", linewidth=1, dashes=(4, 2), label="tolerance")
     look = {"textcoords": "offset points", "ha": "right", "va": "bottom", "fontsize": 7.5, "color": "#006B4E"}
-    axes.annotate(plots.text_of(tolerance, 3), (1, tolerance), (-2, 1), xycoords=("axes fraction", "data"), **look)
+    axes.annotate(paper.text_of(tolerance, 3), (1, tolerance), (-2, 1), xycoords=("axes fraction", "data"), **look)
     top = max([shown(rung["error"]["pixel"]) for rung in rungs] + [tolerance]) * 4
     low = min([rung["cost"] for rung in rungs] + [x for x, _, _ in points])
     high = max([rung["cost"] for rung in rungs] + [1.0])
@@ -142,7 +145,7 @@ def draw(axes: Any, record: Mapping[str, Any]) -> None:
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     decades = [k for k in range(-9, 6) if floor * 3 < 10.0**k < top]
     decades = decades[:: 1 + len(decades) // 6]
-    axes.set_yticks([floor, *(10.0**k for k in decades)], ["0", *(plots.text_of(10.0**k, 3) for k in decades)])
+    axes.set_yticks([floor, *(10.0**k for k in decades)], ["0", *(paper.text_of(10.0**k, 3) for k in decades)])
     axes.minorticks_off()
     axes.grid(True)
     axes.set(xlabel="work, share of the full model's", ylabel=f"pixel error, 1/{full}")

@@ -7,7 +7,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from brdfcheck.gate.config import Gate
     from brdfcheck.verdict import Report
 
-_Effort = Literal["quick", "normal", "thorough"]  # `EFFORTS` of the search, which is imported later
-
 Tolerance = Annotated[
     float | None,
     typer.Option(
@@ -42,11 +39,7 @@ Rtol = Annotated[
     typer.Option(metavar="NUMBER", min=1e-16, max=0.5, help="Relative accuracy of the albedos. [default: the best]"),
 ]
 Effort = Annotated[
-    _Effort,
-    typer.Option(help="How many points the search looks at: quick before a commit, thorough before a release."),
-]
-CheckEffort = Annotated[
-    _Effort | None,
+    Literal["quick", "normal", "thorough"] | None,  # `EFFORTS` of the search, which is imported later
     typer.Option(
         help="How many points the search looks at: quick before a commit, thorough before a release. [default: normal]"
     ),
@@ -110,7 +103,7 @@ def check_command(
     sarif: Sarif = None,
     badge: Badge = None,
     html: Html = None,
-    effort: CheckEffort = None,
+    effort: Effort = None,
     jobs: Jobs = None,
     config: project.Config = None,
     no_config: project.NoConfig = False,
@@ -168,8 +161,8 @@ def check_command(
         ]
         if None in known:
             start()  # a user's file may have changed the precision
-    work = _Work("check", cases, settings, Output(json, quiet=quiet), began, files, quiet, verdicts)
-    return _run(work, gate if update_baseline else None)
+    changed = gate if update_baseline else None
+    return _run(cases, settings, Output(json, quiet=quiet), began, files, quiet=quiet, verdicts=verdicts, gate=changed)
 
 
 @command(
@@ -189,7 +182,7 @@ def _audit(
     html: Html = None,
     tolerance: Tolerance = 1e-9,
     rtol: Rtol = None,
-    effort: Effort = "normal",
+    effort: Effort = None,
     jobs: Jobs = None,
 ) -> int:
     """What the literature claims about its BRDFs, and what is measured."""
@@ -200,10 +193,10 @@ def _audit(
     from brdfcheck.brdf.subject import Target
 
     names = filtered([entry.name for entry in catalog.entries() if not entry.validated], substring)
-    options: Any = {"tolerance": tolerance, "rtol": rtol, "effort": effort}
+    options: Any = {"tolerance": tolerance, "rtol": rtol, "effort": effort or "normal"}
     cases = [Case(Request((name,), **options), name, None, None, name, Target(catalog.entry(name).family)) for name in names]
     settings = _settings(substring, tolerance, rtol, effort, jobs)
-    return _run(_Work("audit", cases, settings, Output(json), began, files), None)
+    return _run(cases, settings, Output(json), began, files, audit=True)
 
 
 def _settings(
@@ -224,31 +217,27 @@ def _settings(
     }
 
 
-@dataclass(frozen=True)
-class _Work:
-    """What a command is to do: evaluate the cases, print and write `files`. `verdicts`: the cache."""
-
-    command: str
-    cases: Sequence[Case]
-    settings: dict[str, Any]
-    output: Output
-    began: float
-    files: Files
-    quiet: bool = False
-    verdicts: Verdicts | None = None
-
-
-def _run(work: _Work, gate: Gate | None) -> int:
+def _run(
+    cases: Sequence[Case],
+    settings: dict[str, Any],
+    output: Output,
+    began: float,
+    files: Files,
+    *,
+    audit: bool = False,
+    quiet: bool = False,
+    verdicts: Verdicts | None = None,
+    gate: Gate | None = None,
+) -> int:
     """Evaluate, print and write. An audit says what was claimed besides, and never fails.
 
-    `gate`: where the known violations are brought up to date.
+    `verdicts`: the cache; `gate`: where the known violations are brought up to date.
     """
     from brdfcheck.gate.baseline import judged
     from brdfcheck.output import records
     from brdfcheck.output import text as console
+    from brdfcheck.verdict.words import message
 
-    cases, settings, output, quiet = work.cases, work.settings, work.output, work.quiet
-    audit = work.command == "audit"
     claims: dict[str, str] = {}
     if audit:
         from brdfcheck.brdf import catalog
@@ -258,14 +247,15 @@ def _run(work: _Work, gate: Gate | None) -> int:
     tolerances = {case.tolerance for case in cases}
     settings |= {"tolerance": min(tolerances), "own_tolerances": len(tolerances) > 1}  # each report says its own
 
-    def line(report: Report) -> None:
+    def line(case: Case, report: Report) -> None:
+        report = judged(report, case.request.expect)
         if not (output.is_terminal or (quiet and report.passed)):
             output.line(console.plain_line(report, width, claims.get(report.name)))
 
     if not output.is_terminal and not quiet:
         output.line(console.tolerance_line(settings["tolerance"]))
     with contextlib.redirect_stdout(sys.stderr):
-        found = _evaluate(work, lambda case, report: line(judged(report, case.request.expect)))
+        found = _evaluate(cases, settings["jobs"], output, verdicts, line)
     expected = [case.request.expect for case in cases]
     if gate is not None:
         expected = project.update(gate, cases, found, output)
@@ -278,24 +268,26 @@ def _run(work: _Work, gate: Gate | None) -> int:
     elif not output.is_terminal:
         for text in console.remark_lines(told):
             output.line(text)
-    seconds, counts = time.perf_counter() - work.began, records.count(reports)
+    seconds, counts = time.perf_counter() - began, records.count(reports)
     code = ExitCode.FAILED if counts["failed"] and not audit else ExitCode.PASSED
     if told:
         summary = console.summary_line(counts, seconds, settings["tolerance"])
-        output.line(f"{'published claims: ' if audit else ''}{summary}{_from_cache(cases)}")
+        known = sum(case.report is not None for case in cases)
+        cached = f"; {'all' if known == len(cases) else f'{known} of {len(cases)}'} from the cache" if known else ""
+        output.line(f"{'published claims: ' if audit else ''}{summary}{cached}")
     if os.environ.get("GITHUB_ACTIONS") and not audit:
         for case, report in zip(cases, reports, strict=True):
             if not report.passed or report.stale:
                 place: Any = {"file": case.file, "line": case.line, "kind": "warning" if report.passed else "error"}
-                text = report.notes[-1] if report.passed else console.message(report)
+                text = report.notes[-1] if report.passed else message(report)
                 output.line(records.github_error(f"brdfcheck: {report.name}", text, **place))
     with contextlib.redirect_stdout(sys.stderr):  # a user's code may print while it is drawn
-        work.files.write(output, cases, reports, jobs=settings["jobs"], seconds=seconds, exit_code=code, claims=claims or None)
+        files.write(output, cases, reports, jobs=settings["jobs"], seconds=seconds, exit_code=code, claims=claims or None)
     pairs = list(zip(cases, reports, strict=True))
     summary = {**counts, "seconds": seconds, "exit_code": int(code)}
     output.write_json(
         lambda: records.document(
-            work.command,
+            "audit" if audit else "check",
             [records.to_json_object(report) | _origin(case, claims) for case, report in pairs],
             settings=settings,
             summary=summary,
@@ -304,21 +296,18 @@ def _run(work: _Work, gate: Gate | None) -> int:
     return code
 
 
-def _from_cache(cases: Sequence[Case]) -> str:
-    count = sum(case.report is not None for case in cases)
-    return f"; {'all' if count == len(cases) else f'{count} of {len(cases)}'} from the cache" if count else ""
-
-
-def _evaluate(work: _Work, line: Callable[[Case, Report], None]) -> list[Report]:
+def _evaluate(
+    cases: Sequence[Case], jobs: int, output: Output, verdicts: Verdicts | None, line: Callable[[Case, Report], None]
+) -> list[Report]:
     """The reports in the order of the cases, a few at a time; `line` is called as soon as the turn of one comes."""
     from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
-    cases, pool = work.cases, ThreadPoolExecutor(work.settings["jobs"], thread_name_prefix="brdfcheck")
+    pool = ThreadPoolExecutor(jobs, thread_name_prefix="brdfcheck")
     try:
         # The dear ones, in two dimensions, stand last in the catalogue: begun first, they leave no worker idle.
         step = -1 if all(case.file is None for case in cases) else 1
         waiting, written = set[Any](), 0
-        with work.output.progress(len(cases), "checking", every=10) as advance:
+        with output.progress(len(cases), "checking", every=10) as advance:
             futures = [pool.submit(evaluated, case, advance.say) for case in cases[::step]][::step]
             waiting.update(futures)
             while waiting:
@@ -326,20 +315,17 @@ def _evaluate(work: _Work, line: Callable[[Case, Report], None]) -> list[Report]
                 for future in done:
                     future.result()  # an internal error ends the command at once
                     advance()
-                    _keep(work, cases[futures.index(future)].request, futures)
+                    request = cases[futures.index(future)].request
+                    own = [(case, one) for case, one in zip(cases, futures, strict=True) if case.request is request]
+                    # Once all BRDFs of a request are evaluated, their verdicts go into the cache.
+                    if verdicts is not None and all(one.done() and case.report is None for case, one in own):
+                        verdicts.keep(request, [case for case, _ in own], [one.result() for _, one in own])
                 while written < len(futures) and futures[written].done():
                     line(cases[written], futures[written].result())
                     written += 1
         return [future.result() for future in futures]
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _keep(work: _Work, request: Request, futures: Sequence[Any]) -> None:
-    """Once all BRDFs of a request are evaluated, their verdicts go into the cache."""
-    own = [(case, future) for case, future in zip(work.cases, futures, strict=True) if case.request is request]
-    if work.verdicts is not None and all(future.done() and case.report is None for case, future in own):
-        work.verdicts.keep(request, [case for case, _ in own], [future.result() for _, future in own])
 
 
 def _origin(case: Case, claims: Mapping[str, str]) -> dict[str, Any]:

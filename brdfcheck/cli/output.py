@@ -181,6 +181,11 @@ def open_streams() -> Iterator[None]:
         yield
 
 
+def has_display() -> bool:
+    """False where no window can be opened, and only a browser in the terminal, which would take the terminal over."""
+    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 class _Unfailing(io.FileIO):
     """A file that drops what it cannot write."""
 

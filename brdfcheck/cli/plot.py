@@ -17,7 +17,7 @@ import typer
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
 from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Json, Over, asked, command, start
-from brdfcheck.cli.output import Output
+from brdfcheck.cli.output import Output, has_display
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def _plot(
     if y is not None and y.low == y.high:
         raise UsageError(f"--y: LO must be below HI; got {words.written(y.low)}")
     target = output
-    if show and sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if show and not has_display():
         raise UsageError("--show: there is no display; leave it out and open the file that is written")
     if not show and output is None:
         target = f"{kind}.svg"
@@ -144,36 +144,32 @@ def _plot(
     words.refuse_same({"--output": target, "--json": json})
     values = None if n is None else n.values
     settings = _Settings(kind, names, ranges, values, cos_theta, scale, y, samples, title, target, how)
-    return _run(settings, Output(json), json, show)
-
-
-# --- the work ---
-
-
-def _run(settings: _Settings, output: Output, json: str | None, show: bool) -> int:
+    told = Output(json)
     with contextlib.redirect_stdout(sys.stderr):
-        curves = _curves(settings, output)
+        curves = _curves(settings, told)
         from brdfcheck import plots
         from brdfcheck.output import records
 
-        target = settings.output
         with asked():
-            figure = plots.figure(settings.kind, curves, scale=settings.scale, limits=settings.y, title=settings.title)
+            figure = plots.figure(kind, curves, scale=scale, limits=y, title=title)
             image = None if target is None else plots.to_bytes(figure, Path(target).suffix.lower())
     for curve in curves:
-        output.line(_line(curve))
+        told.line(_line(curve))
     if target is not None and image is not None:
-        output.save(target, image, "--output")
-        output.line(f"wrote {target}")
+        told.save(target, image, "--output")
+        told.line(f"wrote {target}")
     summary = {"curves": len(curves), "above_1": sum(bool(curve["above"]) for curve in curves)}
     shown = {**vars(settings), "precision": "float64"}
     shown |= shown.pop("how").record
-    output.write_json(lambda: records.document("plot", curves, settings=shown, summary=summary))
+    told.write_json(lambda: records.document("plot", curves, settings=shown, summary=summary))
     if json not in (None, "-"):
-        output.line(f"wrote {json}")
+        told.line(f"wrote {json}")
     if show:
         _show(figure)
     return ExitCode.PASSED
+
+
+# --- the curves ---
 
 
 def _curves(settings: _Settings, output: Output) -> list[Curve]:

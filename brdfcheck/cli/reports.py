@@ -76,11 +76,11 @@ class Files:
     ) -> None:
         """Write what was asked for. UsageError where that is not possible."""
         from brdfcheck.output import records, sarif
-        from brdfcheck.output import text as console
+        from brdfcheck.verdict.words import message
 
         places = [(case.file, case.line) for case in cases]
         if self.junitxml:
-            messages = [console.message(report) for report in reports]
+            messages = [message(report) for report in reports]
             classes = ["brdfcheck.user" if case.file else "brdfcheck.catalog" for case in cases]
             text = records.to_junit(reports, messages, seconds=seconds, classnames=classes, places=places)
             output.save(self.junitxml, text, "--junitxml")

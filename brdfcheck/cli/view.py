@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import webbrowser
 from typing import Annotated, Any
 
@@ -12,7 +10,7 @@ import typer
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import check, words
 from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Over, command
-from brdfcheck.cli.output import Output
+from brdfcheck.cli.output import Output, has_display
 from brdfcheck.cli.reports import address
 
 
@@ -35,7 +33,7 @@ def _view(
     cos_theta: CosTheta = None,
     how: Reading = PLAIN,
     tolerance: check.Tolerance = None,
-    effort: check.Effort = "normal",
+    effort: check.Effort = None,
     jobs: check.Jobs = None,
     out: Annotated[
         str,
@@ -49,11 +47,6 @@ def _view(
     """
     options: Any = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out}
     code = check.check_command(names=names, over=over, cos_theta=cos_theta, how=how, **options)
-    opened = not no_open and code in (ExitCode.PASSED, ExitCode.FAILED) and _has_display() and webbrowser.open(address(out))
+    opened = not no_open and code in (ExitCode.PASSED, ExitCode.FAILED) and has_display() and webbrowser.open(address(out))
     Output().line(f"{out}: {'opened in a browser' if opened else f'open it in a browser: {address(out)}'}")
     return code
-
-
-def _has_display() -> bool:
-    """False where only a browser in the terminal could be opened, which would take the terminal over."""
-    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -74,16 +74,12 @@ def needed(reports: Sequence[Report], before: Known | None) -> Known | None:
         return None
     today = f"found on {date.today().isoformat()}; say here why it is accepted"
     return Known(
-        violates=_rounded_up(max(above)) if above else None,
+        # With ten digits, so that a file shows no more than an error bar leaves.
+        violates=None if not above else math.inf if math.isinf(max(above)) else math.ceil(max(above) * 1e10) / 1e10,
         undecided=undecided,
         findings=names,
         reason=today if before is None else before.reason,
     )
-
-
-def _rounded_up(value: float) -> float:
-    """With ten digits, so that a file shows no more than an error bar leaves."""
-    return value if math.isinf(value) else math.ceil(value * 1e10) / 1e10
 
 
 # --- the file ---

@@ -76,7 +76,10 @@ class Verdicts:
             self._keys[id(request)] = key
             path = _path(key)
             entries = json.loads(path.read_bytes())
-            cases = [_case(request, entry) for entry in entries]
+            cases = [
+                Case(request, entry["name"], entry["file"], entry["line"], entry["entry"], report=_report(entry))
+                for entry in entries
+            ]
             if not cases:
                 raise ValueError("the entry is empty")
             os.utime(path)
@@ -122,7 +125,9 @@ class Verdicts:
             changed = [flag for flag, usual in _USUAL.items() if getattr(jax.config, flag, usual) != usual]
             if changed:
                 raise Doubt(f"{changed[0]} is not what it usually is")
-        asked = json.dumps([FORMAT, request.asked, contents, _package(), _surroundings()], sort_keys=True)
+        # Versions, and what the environment tells them.
+        around = _versions() | {name: value for name, value in os.environ.items() if name.startswith(_VARIABLES)}
+        asked = json.dumps([FORMAT, request.asked, contents, _package(), around], sort_keys=True)
         return hashlib.sha256(asked.encode()).hexdigest(), files
 
     def _refuse_others(self, request: Request, files: dict[str, Path]) -> None:
@@ -161,10 +166,6 @@ def _entry(case: Case, report: Report) -> dict[str, Any]:
     from brdfcheck.output.records import plain
 
     return {"name": case.name, "file": case.file, "line": case.line, "entry": case.entry, "report": plain(report)}
-
-
-def _case(request: Request, entry: dict[str, Any]) -> Case:
-    return Case(request, entry["name"], entry["file"], entry["line"], entry["entry"], report=_report(entry))
 
 
 def _report(entry: dict[str, Any]) -> Report:
@@ -209,8 +210,3 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = ""
     return found
-
-
-def _surroundings() -> dict[str, Any]:
-    """Versions, and what the environment tells them."""
-    return _versions() | {name: value for name, value in os.environ.items() if name.startswith(_VARIABLES)}

@@ -67,7 +67,8 @@ def _picture(report: Report, family: Family, path: Path) -> str:
     try:
         with _double(), contextlib.redirect_stdout(None):
             curve = curves.albedo_vs_angle(family, samples=65, **worst)
-            plots.save(plots.figure("albedo-vs-angle", [curve], title=f"{report.name}: {report.verdict.name}"), path)
+            figure = plots.figure("albedo-vs-angle", [curve], title=f"{report.name}: {report.verdict.name}")
+            path.write_bytes(plots.to_bytes(figure, path.suffix))
     except Exception as error:  # a picture is no reason to fail in another way
         return f"none: {type(error).__name__}: {one_line(error)}"
     return str(path)

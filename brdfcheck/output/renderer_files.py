@@ -6,6 +6,7 @@ smallest of both. Values are never clamped; beside each quantity is its error ba
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from brdfcheck.fits.compensation import Compensation
 from brdfcheck.fits.renderer import RendererTable
 from brdfcheck.output import records
 from brdfcheck.output.source import comment, identifier, number
-from brdfcheck.output.table_files import npy_bytes, table_metadata, texts, write_beside
+from brdfcheck.output.table_files import csv_text, npy_bytes, table_metadata, texts, write_beside
 
 KINDS = ("csv", "npy", "exr", "dds", "hpp")
 Texture = Literal["dfg", "albedo", "compensation"]
@@ -118,7 +119,10 @@ def write_renderer_table(
     metadata = renderer_metadata(table, compensation) if metadata is None else metadata
     parts = quantities(table, compensation)
     if kind == "csv":
-        records.write_atomically(path, _csv(table, parts, metadata))
+        grid = table.grid
+        cells = itertools.product(enumerate(grid.nodes), enumerate(grid.cos_theta))
+        rows = ((node, mu, *(part[i, j] for part in parts.values())) for (i, node), (j, mu) in cells)
+        records.write_atomically(path, csv_text(metadata, [grid.parameter, "cos_theta", *parts], rows))
     elif kind == "npy":
         write_beside(path, npy_bytes(np.stack(list(parts.values()))), metadata)
     elif kind == "exr":
@@ -139,16 +143,6 @@ def dds_bytes(pixels: np.ndarray) -> bytes:
     header = struct.pack("<7I44x", 124, _FLAGS, height, width, 8 * width, 0, 1) + pixel_format + caps
     dx10 = struct.pack("<5I", _R32G32_FLOAT, _TEXTURE2D, 0, 1, 0)
     return b"DDS " + header + dx10 + np.ascontiguousarray(pixels, dtype="<f4").tobytes()
-
-
-def _csv(table: RendererTable, parts: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> str:
-    grid = table.grid
-    lines = [f"# {key}: {text}" for key, text in texts(metadata).items()]
-    lines.append(f"# {','.join([grid.parameter, 'cos_theta', *parts])}")
-    for i, node in enumerate(grid.nodes):
-        for j, mu in enumerate(grid.cos_theta):
-            lines.append(",".join(f"{value:.17g}" for value in (node, mu, *(part[i, j] for part in parts.values()))))
-    return "\n".join(lines) + "\n"
 
 
 def _header(table: RendererTable, parts: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> str:

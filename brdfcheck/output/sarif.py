@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from brdfcheck import __version__
 from brdfcheck.messages import one_line
@@ -84,14 +85,9 @@ _RULES: dict[str, tuple[str, str, str, str]] = {
 }
 
 
-def rule_id_of(check: str) -> str:
-    """The rule of a check beside the albedo."""
-    return f"check/{check}"
-
-
 def defects(report: Report) -> Iterator[tuple[str, str]]:
     """What is wrong, as (rule id, message) in one line each; nothing for a report that passed."""
-    failed = {found.words: rule_id_of(found.name) for found in report.checks if not found.passed}
+    failed = {found.words: f"check/{found.name}" for found in report.checks if not found.passed}
     if report.verdict.name == "VIOLATES":
         yield "energy/violates", _energy(report)
     elif report.verdict.name == "UNDECIDED" and report.basis != "none":
@@ -194,16 +190,10 @@ def _physical(place: Place, root: str) -> dict[str, Any] | None:
         return None
     path = Path(os.path.realpath(file))
     if path.is_relative_to(root):
-        artifact = {"uri": _quoted(path.relative_to(root).as_posix()), "uriBaseId": _ROOT}
+        artifact = {"uri": quote(path.relative_to(root).as_posix()), "uriBaseId": _ROOT}
     else:
         artifact = {"uri": path.as_uri()}
     return {"artifactLocation": artifact, "region": {"startLine": line or 1}}
-
-
-def _quoted(path: str) -> str:
-    from urllib.parse import quote
-
-    return quote(path)
 
 
 def _numbers(report: Report) -> Mapping[str, Any]:

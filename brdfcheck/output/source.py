@@ -276,7 +276,7 @@ def _header(language: _Language, fit: AlbedoFit, factor: Any, prefix: str, comma
     if fit.factored:
         own = "with its factor"
         if fit.factor is not None:
-            own += _in_words(fit.factor)
+            own += f" {factor_text(fit.factor) if _has_formula(fit.factor) else type(fit.factor).__name__}"
     versions = ", ".join(f"{package} {version}" for package, version in records.versions().items())
     lines = [
         f"{fit.name}: {fit.formula or 'no formula known'}" + (f", {fit.form} form" if fit.form else ""),
@@ -309,10 +309,6 @@ def _has_formula(factor: Any) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _in_words(factor: Any) -> str:
-    return f" {factor_text(factor) if _has_formula(factor) else type(factor).__name__}"
 
 
 def comment(text: str) -> list[str]:

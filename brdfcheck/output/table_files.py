@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,9 @@ def write_table(
         raise ValueError(f"the kind of a table must be one of {', '.join(KINDS)}; got {kind!r}")
     metadata = table_metadata(table, command)
     if kind == "csv":
-        records.write_atomically(path, _csv(table, metadata))
+        columns = [table.parameter, *(f"{mu:.17g}" for mu in table.cos_theta)]
+        rows = ((node, *row) for node, row in zip(table.nodes, table.values, strict=True))
+        records.write_atomically(path, csv_text(metadata, columns, rows))
     elif kind == "npy":
         write_beside(path, npy_bytes(table.values), metadata)
     else:
@@ -108,9 +110,9 @@ def texts(metadata: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _csv(table: AlbedoGrid, metadata: Mapping[str, Any]) -> str:
+def csv_text(metadata: Mapping[str, Any], columns: Iterable[str], rows: Iterable[Iterable[float]]) -> str:
+    """A CSV: the metadata as comments, the last of which names the columns, and the numbers with 17 digits."""
     lines = [f"# {key}: {text}" for key, text in texts(metadata).items()]
-    lines.append(f"# {','.join([table.parameter, *(f'{mu:.17g}' for mu in table.cos_theta)])}")
-    for node, row in zip(table.nodes, table.values, strict=True):
-        lines.append(",".join(f"{value:.17g}" for value in (node, *row)))
+    lines.append(f"# {','.join(columns)}")
+    lines += [",".join(f"{value:.17g}" for value in row) for row in rows]
     return "\n".join(lines) + "\n"

@@ -10,19 +10,11 @@ from collections.abc import Container, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck.messages import one_line
-from brdfcheck.verdict.words import albedo_text as albedo_text
-from brdfcheck.verdict.words import angles_text, parameters_text
-from brdfcheck.verdict.words import basis_text as basis_text
-from brdfcheck.verdict.words import count_text as count_text
-from brdfcheck.verdict.words import exact as exact
-from brdfcheck.verdict.words import interval_text as interval_text
-from brdfcheck.verdict.words import message as message
-from brdfcheck.verdict.words import place_text as place_text
-from brdfcheck.verdict.words import plural as plural
-from brdfcheck.verdict.words import ranges_text as ranges_text
+from brdfcheck.verdict import words
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
     from rich.text import Text
 
     from brdfcheck.brdf.catalog import Entry
@@ -41,8 +33,8 @@ _WIDE, _NARROW = 140, 80
 def tolerance_line(tolerance: float) -> str:
     """What the verdicts mean, with the tolerance."""
     return (
-        f"largest directional albedo over all parameters and angles; tolerance {exact(tolerance)}:"
-        f" conserves where albedo + error <= 1 + {exact(tolerance)}"
+        f"largest directional albedo over all parameters and angles; tolerance {words.exact(tolerance)}:"
+        f" conserves where albedo + error <= 1 + {words.exact(tolerance)}"
     )
 
 
@@ -51,20 +43,20 @@ def plain_line(report: Report, name_width: int = 0, claim: str | None = None) ->
     parts = [
         f"{report.name:<{name_width}}",
         f"{report.verdict.name:<9}",
-        f"albedo {albedo_text(report)}",
+        f"albedo {words.albedo_text(report)}",
     ]
-    if place_text(report):
-        parts.append(f"at {place_text(report)}")
-    interval = interval_text(report)
+    if words.place_text(report):
+        parts.append(f"at {words.place_text(report)}")
+    interval = words.interval_text(report)
     if interval:
         parts.append(f"exceeds 1 for {interval}")
     if report.findings:
-        parts.append(plural(len(report.findings), "finding", "findings"))
+        parts.append(words.plural(len(report.findings), "finding", "findings"))
     if report.ranges:
-        parts.append(f"over {ranges_text(report.ranges)}")
+        parts.append(f"over {words.ranges_text(report.ranges)}")
     parts += [f"{report.evaluations} evaluations", f"{report.seconds:.2f} s", report.engine]
     if report.basis != "none":
-        parts.append(basis_text(report))
+        parts.append(words.basis_text(report))
     if claim is not None:
         parts.append(f'claimed "{claim}"')
     if report.known is not None:
@@ -85,23 +77,23 @@ def remark_lines(reports: Iterable[Report]) -> list[str]:
 def summary_line(counts: dict[str, int], seconds: float, tolerance: float) -> str:
     """The last line of a check."""
     parts = [
-        plural(counts["conserve"], "conserves", "conserve"),
-        plural(counts["violate"], "violates", "violate"),
+        words.plural(counts["conserve"], "conserves", "conserve"),
+        words.plural(counts["violate"], "violates", "violate"),
         f"{counts['undecided']} undecided",
     ]
     if counts["with_findings"]:
-        parts.append(plural(counts["with_findings"], "has findings", "have findings"))
+        parts.append(words.plural(counts["with_findings"], "has findings", "have findings"))
     if counts["known"]:
         parts.append(f"{counts['known']} known")
     if counts["stale"]:
-        parts.append(f"{plural(counts['stale'], 'baseline entry', 'baseline entries')} out of date")
-    return f"{', '.join(parts)} in {seconds:.1f} s (tolerance {exact(tolerance)})"
+        parts.append(f"{words.plural(counts['stale'], 'baseline entry', 'baseline entries')} out of date")
+    return f"{', '.join(parts)} in {seconds:.1f} s (tolerance {words.exact(tolerance)})"
 
 
 def entry_line(entry: Entry, name_width: int = 0) -> str:
     """One entry of the catalogue in one line."""
     kind = "validated" if entry.validated else "published"
-    text = f"{entry.name:<{name_width}}  {kind}  {ranges_text(entry.family.ranges)}  {entry.formula}  [{entry.source}]"
+    text = f"{entry.name:<{name_width}}  {kind}  {words.ranges_text(entry.family.ranges)}  {entry.formula}  [{entry.source}]"
     return text if entry.validated else f'{text}  claimed "{entry.claim}"'
 
 
@@ -124,8 +116,9 @@ def fit_lines(fit: FactorFit) -> list[str]:
     """A fit: the factor, constants to copy, the largest and the smallest albedo, the verdict, and what there is to remark."""
     report = fit.report
     sampled = "" if fit.objective == "minimax" else f", {fit.sampling} sampling"
+    low, high = map(words.exact, fit.n)
     lines = [
-        f"{fit.name}  factor {describe(fit.factor, 10)}  ({fit.objective}{sampled} over n={exact(fit.n[0])}:{exact(fit.n[1])})",
+        f"{fit.name}  factor {describe(fit.factor, 10)}  ({fit.objective}{sampled} over n={low}:{high})",
         f"  to copy   {_copied(fit)}",
     ]
     if fit.proved is not None:
@@ -139,9 +132,9 @@ def fit_lines(fit: FactorFit) -> list[str]:
         lines.append(f"  as fitted {describe(fit.fitted, 10)}  {said}")
     smallest = f"{fit.smallest:.10f}" if fit.smallest >= 1e-4 else f"{fit.smallest:.5g}"
     lines += [
-        f"  largest   albedo {albedo_text(report)}  at {place_text(report)}",
+        f"  largest   albedo {words.albedo_text(report)}  at {words.place_text(report)}",
         f"  smallest  albedo {smallest}  at n={fit.smallest_n:.6g}, normal incidence",
-        f"  verdict   {report.verdict.name} over all angles (tolerance {exact(report.tolerance)})",
+        f"  verdict   {report.verdict.name} over all angles (tolerance {words.exact(report.tolerance)})",
     ]
     if fit.remark:
         lines.append(f"  remark    {fit.remark}")
@@ -229,15 +222,17 @@ def ladder_lines(rungs: Sequence[Rung]) -> list[str]:
 # --- tables ---
 
 
-def _symbols(console: Console) -> tuple[str, str]:
-    utf = console.encoding.lower().startswith("utf")
-    return ("\u00b1", "\u00b0") if utf else ("+-", " deg")
-
-
 def _text(content: str, style: str = "") -> Text:
     from rich.text import Text
 
     return Text(content, style=style)
+
+
+def _table() -> Table:
+    from rich import box
+    from rich.table import Table
+
+    return Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
 
 
 def _stacked(console: Console, rows: Iterable[Sequence[tuple[str, str]]]) -> None:
@@ -253,11 +248,9 @@ def _stacked(console: Console, rows: Iterable[Sequence[tuple[str, str]]]) -> Non
 
 def report_table(console: Console, reports: Sequence[Report], claims: Sequence[str] | None = None) -> None:
     """The reports (of an audit: with what was claimed) as a table that fits the terminal."""
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
-    plus_minus, degree = _symbols(console)
+    plus_minus, degree = ("\u00b1", "\u00b0") if console.encoding.lower().startswith("utf") else ("+-", " deg")
     claimed = claims if claims is not None else [""] * len(reports)
     if console.width < _NARROW:
         _stacked(
@@ -266,9 +259,9 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
                 (
                     (f"{report.name}  {report.verdict.name}", _STYLES[report.verdict.name]),
                     (f"claimed: {claim}" if claim else "", ""),
-                    (f"albedo {albedo_text(report, plus_minus)}", ""),
-                    (f"at {place_text(report, degree)}" if place_text(report) else "", ""),
-                    (f"exceeds 1 for {interval_text(report)}" if interval_text(report) else "", "red"),
+                    (f"albedo {words.albedo_text(report, plus_minus)}", ""),
+                    (f"at {words.place_text(report, degree)}" if words.place_text(report) else "", ""),
+                    (f"exceeds 1 for {words.interval_text(report)}" if words.interval_text(report) else "", "red"),
                     (_effort(report), "dim"),
                 )
                 for report, claim in zip(reports, claimed, strict=True)
@@ -276,7 +269,7 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
         )
         return
     wide = console.width >= (_WIDE if claims is None else _WIDE + 24)
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    table = _table()
     # Catalogue names stay whole; a long path of a user's file may be folded.
     longest = max((len(report.name) for report in reports), default=0)
     table.add_column("BRDF", no_wrap=wide, overflow="fold", min_width=min(longest, 25))
@@ -297,36 +290,36 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
         if report.known is not None:
             verdict.append("\nknown", style="not bold dim white")
         if report.findings:
-            verdict.append("\n" + plural(len(report.findings), "finding", "findings"), style="bold red")
-        albedo, place = _text(albedo_text(report, plus_minus)), _text(place_text(report, degree))
+            verdict.append("\n" + words.plural(len(report.findings), "finding", "findings"), style="bold red")
+        albedo, place = _text(words.albedo_text(report, plus_minus)), _text(words.place_text(report, degree))
         name = _text(report.name)
         if wide:
             cells = [name, *([_text(claim)] if claims is not None else []), verdict, albedo, place]
-            cells += [_text(interval_text(report)), _text(count_text(report.evaluations))]
+            cells += [_text(words.interval_text(report)), _text(words.count_text(report.evaluations))]
             table.add_row(*cells, _text(f"{report.seconds:.2f}"), _text(report.engine))
             continue
         # Two lines for a report; what it cost is on the second one.
         name.append(f"\n  {report.engine}", style="dim")
         if claim:
             name.append(f"\n  claimed: {claim}", style="italic")
-        albedo.append(f"\n{count_text(report.evaluations)} evaluations", style="dim")
+        albedo.append(f"\n{words.count_text(report.evaluations)} evaluations", style="dim")
         if report.parameters:
-            place = _text(f"{parameters_text(report)}\n{angles_text(report, degree)}")
-        if interval_text(report):
-            place.append(f"\n> 1 for {interval_text(report)}", style="red")
+            place = _text(f"{words.parameters_text(report)}\n{words.angles_text(report, degree)}")
+        if words.interval_text(report):
+            place.append(f"\n> 1 for {words.interval_text(report)}", style="red")
         table.add_row(name, verdict, albedo, place)
     console.print(table)
 
 
 def _effort(report: Report) -> str:
-    return f"{count_text(report.evaluations)} evaluations, {report.seconds:.2f} s, {report.engine}"
+    return f"{words.count_text(report.evaluations)} evaluations, {report.seconds:.2f} s, {report.engine}"
 
 
 def remarks(console: Console, reports: Iterable[Report]) -> None:
     """What the answers of a table rest on, and its findings and notes, below it."""
     reports = list(reports)
     for report in reports:
-        console.print(_text(f"{report.name}: {one_line(basis_text(report))}", "dim"))
+        console.print(_text(f"{report.name}: {one_line(words.basis_text(report))}", "dim"))
     for line in remark_lines(reports):
         finding = line.startswith("finding")
         console.print(_text(line, "red" if finding else "dim"))
@@ -334,9 +327,6 @@ def remarks(console: Console, reports: Iterable[Report]) -> None:
 
 def entry_table(console: Console, entries: Sequence[Entry]) -> None:
     """The catalogue as a table that fits the terminal."""
-    from rich import box
-    from rich.table import Table
-
     if console.width < 100:
         _stacked(
             console,
@@ -344,7 +334,7 @@ def entry_table(console: Console, entries: Sequence[Entry]) -> None:
                 (
                     (entry.name, "bold"),
                     (entry.formula, ""),
-                    (f"for {ranges_text(entry.family.ranges)}", ""),
+                    (f"for {words.ranges_text(entry.family.ranges)}", ""),
                     (entry.source, "dim"),
                     (f"claimed: {entry.claim}" if entry.claim else "", "italic"),
                 )
@@ -352,12 +342,12 @@ def entry_table(console: Console, entries: Sequence[Entry]) -> None:
             ),
         )
         return
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    table = _table()
     published = any(entry.claim for entry in entries)
     for title in ("BRDF", "Range", "Formula", *(("Claimed",) if published else ()), "Source"):
         table.add_column(title, overflow="fold", no_wrap=title in ("BRDF", "Range"))
     for entry in entries:
-        cells = [entry.name, ranges_text(entry.family.ranges), entry.formula]
+        cells = [entry.name, words.ranges_text(entry.family.ranges), entry.formula]
         cells += [entry.claim] if published else []
         table.add_row(*(_text(cell) for cell in (*cells, entry.source)))
     console.print(table)

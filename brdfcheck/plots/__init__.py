@@ -1,19 +1,16 @@
 """Figures from records: nothing is computed here, and what computes (JAX) is never imported.
 
-`figure` makes a matplotlib Figure of the curves of `brdfcheck.output.curves`, `save` writes it. One record gives the same bytes
-in every process. Figures do not belong to pyplot: nothing global changes, nothing has to be closed.
+`figure` makes a matplotlib Figure of the curves of `brdfcheck.output.curves`, `to_bytes` a file. One record gives the same
+bytes in every process. Figures do not belong to pyplot: nothing global changes, nothing has to be closed.
 """
 
 from __future__ import annotations
 
 import base64
+import io
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from brdfcheck.plots.styles import superscript as superscript
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +44,7 @@ def figure(
     `limits`: (bottom, top) of the albedo axis; by default it holds the curves but ends at 6, and says so.
     ValueError where the curves do not fit into one figure: different parameters, a logarithmic axis through 0, none at all.
     """
-    from brdfcheck.plots import panels
+    from brdfcheck.plots import panels, paper
 
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}; got {kind!r}")
@@ -64,7 +61,7 @@ def figure(
         "heatmap": panels.heatmap,
         "factor": panels.factor,
     }[kind]
-    with house_style():
+    with paper.house_style():
         return draw(curves, scale, limits, title)
 
 
@@ -73,17 +70,18 @@ def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes
 
     `widest`: for pages that are kept, how many pixels across a PNG may have; images in an SVG get few colours.
     """
-    import io
+    from brdfcheck.plots import paper
 
     if suffix not in FORMATS:
         raise ValueError(f"the suffix must be one of {', '.join(FORMATS)}; got {suffix!r}")
     stream = io.BytesIO()
     dpi = _DPI if widest is None else min(_DPI, widest / figure.get_figwidth())
-    with house_style():
+    with paper.house_style():
         figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=_METADATA[suffix])
     if suffix != ".svg" or widest is None:
         return stream.getvalue()
-    return _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path.group(0)), _EMBEDDED.sub(_smaller, stream.getvalue()))
+    text = _EMBEDDED.sub(lambda png: base64.b64encode(with_few_colours(base64.b64decode(png[0]))), stream.getvalue())
+    return _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path[0]), text)
 
 
 # Coordinates of paths to a tenth of a point.
@@ -91,17 +89,11 @@ _PATHS, _DIGITS = re.compile(rb' d="[^"]*"'), re.compile(rb"(\.\d)\d+")
 _EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
 
 
-def _smaller(embedded: re.Match[bytes]) -> bytes:
-    return base64.b64encode(with_few_colours(base64.b64decode(embedded.group(0))))
-
-
 def with_few_colours(png: bytes, widest: int | None = None) -> bytes:
     """A PNG with as few colours as hardly show, 256 at most, in a third of the space: for pages that are kept.
 
     Shading that needs them all is dithered. What is wider than `widest` pixels is made smaller.
     """
-    import io
-
     import numpy as np
     from PIL import Image
 
@@ -124,41 +116,3 @@ def with_few_colours(png: bytes, widest: int | None = None) -> bytes:
     stream = io.BytesIO()
     fewer.save(stream, "PNG", optimize=True)
     return stream.getvalue()
-
-
-def save(figure: Figure, path: str | Path) -> None:
-    """Write the figure whole or not at all, in the format of the suffix. OSError where it cannot be written."""
-    from brdfcheck.output.records import write_atomically
-
-    write_atomically(path, to_bytes(figure, Path(path).suffix.lower()))
-
-
-# What a figure of one's own needs to look like the others. From here, not from `paper`, so that the import stays cheap.
-
-
-def house_style() -> AbstractContextManager[None]:
-    """The house's settings of matplotlib within a ``with`` block."""
-    from brdfcheck.plots import paper
-
-    return paper.house_style()
-
-
-def empty(width: float, height: float) -> Figure:
-    """A figure without axes, in inches, that belongs to no window."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height))
-
-
-def power_tick(value: float) -> str:
-    """A tick of a long logarithmic axis: 0.1, 1, 10, 10², 10³."""
-    from brdfcheck.plots import paper
-
-    return paper.power_tick(value)
-
-
-def text_of(value: float, digits: int = 5) -> str:
-    """A number as one writes it: 14.303, 1000, 6.7·10²⁸."""
-    from brdfcheck.plots import paper
-
-    return paper.text_of(value, digits)

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColormap, to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from brdfcheck.plots import paper, strips
 from brdfcheck.plots.styles import Style, looks, styles
@@ -90,7 +90,8 @@ def factor(curves: Curves, scale: str | None, limits: Limits, title: str | None)
         below.set_yscale("log")
     below.set_ylabel("factor, 1/sr")
     below.grid(True)
-    paper.plain_log(below.yaxis)
+    below.yaxis.set_major_formatter(FuncFormatter(lambda value, _: paper.text_of(value, 4)))
+    below.yaxis.set_minor_formatter(NullFormatter())
     _draw(axes, below, strip, shown, look, "ratio", limits, title)
     strips.show_intervals(axes, strip, found, f"E > 1\nfor {parameter}")
     return figure

@@ -6,7 +6,7 @@ import contextlib
 import math
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ import matplotlib
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
@@ -63,6 +64,11 @@ def house_style() -> Iterator[None]:
         # A name in a script that the font lacks is drawn with boxes; in SVG it is text, and whole.
         warnings.filterwarnings("ignore", message=r"Glyph .* missing from")
         yield
+
+
+def empty(width: float, height: float) -> Figure:
+    """A figure without axes, in inches, that belongs to no window."""
+    return Figure(figsize=(width, height))
 
 
 # --- numbers ---
@@ -313,7 +319,7 @@ def direct_labels(axes: Axes, labels: Sequence[Label]) -> None:
     ends = [float(place) for place in places[:, 1]]
     order = sorted(range(len(labels)), key=lambda i: (ends[i], labels[i].under))
     step = _LABEL / height
-    spread = _spread([ends[i] for i in order], step)
+    spread = apart([ends[i] for i in order], step)
     shift = max((abs(place - ends[i]) for i, place in zip(order, spread, strict=True)), default=0.0)
     if len(labels) > _MOST_LABELS or len(labels) * step > 1.02 or shift > 0.45:
         _legend(axes, [labels[i] for i in reversed(order)], height)
@@ -340,19 +346,14 @@ def _offset_line(axes: Axes, points: Sequence[tuple[float, float]], **options: A
     """A line through (points of the page right of the axes, height as a fraction of the axes)."""
     figure = axes.figure
     assert figure is not None
-    right = Affine2D().scale(1 / 72) + figure.dpi_scale_trans + _right_edge(axes)  # pyright: ignore
+    # The right edge of the axes as it follows the layout: ScaledTranslation asks the transform anew whenever it has changed.
+    right = Affine2D().scale(1 / 72) + figure.dpi_scale_trans + ScaledTranslation(1, 0, axes.transAxes)  # pyright: ignore
     transform = blended_transform_factory(right, axes.transAxes)
     dashes = options.pop("dashes", ())
     line = Line2D([x for x, _ in points], [y for _, y in points], transform=transform, clip_on=False, zorder=4, **options)
     if dashes:
         line.set_dashes(dashes)
     axes.add_artist(line)
-
-
-def _right_edge(axes: Axes) -> Any:
-    """A translation by the place of the right edge of the axes, which follows the layout."""
-    # (1, 0) of the axes, as display coordinates: ScaledTranslation asks the transform anew whenever it has changed.
-    return ScaledTranslation(1, 0, axes.transAxes)  # pyright: ignore[reportArgumentType]
 
 
 def _legend(axes: Axes, labels: Sequence[Label], height: float) -> None:
@@ -370,29 +371,21 @@ def _legend(axes: Axes, labels: Sequence[Label], height: float) -> None:
     )  # fmt: skip
 
 
-def _spread(places: Sequence[float], step: float) -> list[float]:
-    """Rising places moved as little as need be until they are `step` apart, within 0 and 1."""
-    blocks: list[list[float]] = []  # (sum of wishes, count): places of a block follow each other at `step`
-    for place in places:
-        blocks.append([place, 1.0])
-        while len(blocks) > 1 and _start(blocks[-2], step) + blocks[-2][1] * step > _start(blocks[-1], step):
-            total, count = blocks.pop()
-            blocks[-1][0] += total - count * blocks[-1][1] * step
-            blocks[-1][1] += count
-    result: list[float] = []
-    for block in blocks:
-        start = _start(block, step)
-        result += [start + i * step for i in range(int(block[1]))]
-    return result
+def apart(places: Sequence[float], gaps: float | np.ndarray, least: float = 0.0, most: float = 1.0) -> np.ndarray:
+    """Places moved as little as need be, until each is its gap beyond the one before and all are from `least` to `most`."""
+    if not places:
+        return np.zeros(0)
+    offsets = np.append(0.0, np.cumsum(np.broadcast_to(gaps, len(places) - 1)))
+    # Isotonic regression: each place is the largest, over where a bunch begins, of the smallest mean, over where it ends.
+    total = np.append(0.0, np.cumsum(places - offsets))
+    first, last = np.indices((len(places),) * 2)
+    means = np.where(first <= last, (total[last + 1] - total[first]) / np.maximum(last - first + 1, 1), np.inf)
+    least_means = np.minimum.accumulate(means[:, ::-1], axis=1)[:, ::-1]
+    moved = np.max(np.where(first <= last, least_means, -np.inf), axis=0)
+    return np.clip(moved, least, max(most - offsets[-1], least)) + offsets
 
 
-def _start(block: Sequence[float], step: float) -> float:
-    """Where the first label of a block stands: at the mean of the wishes, each less its place in the block."""
-    total, count = block
-    return min(max(total / count, 0.0), max(1.0 - (count - 1) * step, 0.0))
-
-
-def plain_log(axis: Any) -> None:
-    """Plain numbers on an axis that may be logarithmic."""
-    axis.set_major_formatter(FuncFormatter(lambda value, _: text_of(value, 4)))
-    axis.set_minor_formatter(NullFormatter())
+def decades(ticks: Callable[..., object], powers: Iterable[int]) -> None:
+    """Ticks at powers of ten, by the method of axes that sets them."""
+    places = list(powers)
+    ticks([10.0**k for k in places], ["1" if k == 0 else f"10{superscript(k)}" for k in places])

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from brdfcheck.plots.paper import along, degrees, keep_width, name_beside, text_of
+from brdfcheck.plots.paper import along, apart, degrees, keep_width, name_beside, text_of
 from brdfcheck.plots.styles import Style, ink
 
 Interval = tuple[float, float]
@@ -142,15 +142,8 @@ def _settle(strip: Axes, texts: list[Any]) -> None:
         for text in others:
             text.remove()
         widths, texts = [first.get_window_extent().width / frame.width], [first]
-    least, place = 0.0, []
-    for text, width in zip(texts, widths, strict=True):
-        centre = max(text.xy[0], least + width / 2)
-        place.append(centre)
-        least = centre + width / 2
-    most = 1.0
-    for i in range(len(texts) - 1, -1, -1):
-        place[i] = max(min(place[i], most - widths[i] / 2), widths[i] / 2)
-        most = place[i] - widths[i] / 2
+    half = np.array(widths) / 2
+    place = apart([text.xy[0] for text in texts], half[:-1] + half[1:], half[0], 1 - half[-1])
     for text, centre in zip(texts, place, strict=True):
         text.xy = (centre, text.xy[1])
         text.set_position(text.xy)

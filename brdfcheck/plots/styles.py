@@ -132,16 +132,14 @@ def looks(curves: Sequence[Mapping[str, Any]]) -> list[Style]:
     """The style of each curve: its BRDF's, from light to dark along the curves where there are several of one BRDF."""
     names = [curve["name"] for curve in curves]
     known = styles(names)
-    return [
-        known[name]._replace(color=_faded(known[name].color, names[:index].count(name), names.count(name)))
-        for index, name in enumerate(names)
-    ]
-
-
-def _faded(color: str, index: int, count: int) -> str:
-    """One colour from light to dark for the members of a family: light for the first, dark for the last."""
-    dark = 0.0 if color == "#000000" else 0.45
-    return color if count < 2 else shade(color, -0.55 + (0.55 + dark) * index / (count - 1))
+    found = []
+    for index, name in enumerate(names):
+        style, others = known[name], names.count(name) - 1
+        if others:
+            dark = 0.0 if style.color == "#000000" else 0.45
+            style = style._replace(color=shade(style.color, -0.55 + (0.55 + dark) * names[:index].count(name) / others))
+        found.append(style)
+    return found
 
 
 def shade(color: str, part: float) -> str:

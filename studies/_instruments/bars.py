@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from brdfcheck.plots import paper
+
 COLOURS = {"CONSERVES": "#009E73", "VIOLATES": "#D55E00", "UNDECIDED": "#777777"}
 CEILING = 4.0  # of the axis; what lies above is an arrow
 
 
 def plot(record: dict[str, Any]) -> Any:
     """The largest albedo of each result of a record, with the line at 1."""
-    from brdfcheck import plots
 
     rows = [row for row in record["results"] if row["verdict"]]
-    with plots.house_style():
-        figure = plots.empty(7.0, 0.28 * len(rows) + 1.0)
+    with paper.house_style():
+        figure = paper.empty(7.0, 0.28 * len(rows) + 1.0)
         axes = figure.subplots()
         for place, row in enumerate(rows):
             value, colour = float(row["albedo"]), COLOURS[row["verdict"]]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from brdfcheck import plots
+from brdfcheck.plots import paper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,15 +64,8 @@ def frontier(points: Sequence[tuple[float, float]], rounding: float = 0.0, most:
 
 def apart(rising: Sequence[float], factor: float) -> list[float]:
     """Numbers on a logarithmic axis moved apart to a factor at least: neighbours keep the middle of their bunch."""
-    gap = math.log(factor)
-    bunches: list[tuple[float, int]] = []  # the middle of its logarithms, how many
-    for value in rising:
-        middle, count = math.log(value), 1
-        while bunches and middle - bunches[-1][0] < gap * (count + bunches[-1][1]) / 2:
-            before, more = bunches.pop()
-            middle, count = (before * more + middle * count) / (more + count), more + count
-        bunches.append((middle, count))
-    return [math.exp(middle + gap * (i - (count - 1) / 2)) for middle, count in bunches for i in range(count)]
+    places = [math.log(value) for value in rising]
+    return [math.exp(place) for place in paper.apart(places, math.log(factor), -math.inf, math.inf)]
 
 
 def label_places(
@@ -100,8 +93,8 @@ def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", col
     cases = list(dict.fromkeys(record["case"] for record in records))
     lines = -(-len(cases) // columns)
     columns = min(columns, len(cases))
-    drawn = plots.empty(3.3 * columns + 0.4, 2.75 * lines + 0.4)
-    with plots.house_style():
+    drawn = paper.empty(3.3 * columns + 0.4, 2.75 * lines + 0.4)
+    with paper.house_style():
         grid = drawn.subplots(lines, columns, squeeze=False, sharey=True)
         for axes, case in zip(grid.flat, cases, strict=False):
             _panel(axes, [record for record in records if record["case"] == case], cost)
@@ -156,15 +149,10 @@ def _panel(axes: Axes, records: Sequence[Mapping[str, Any]], cost: str) -> None:
         markersize=3,
     )
     axes.set(xscale="log", yscale="log", ylim=(FLOOR / 3, 30))
-    axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1], [_power(place) for place in (-16, -12, -8, -4, 0)])
+    paper.decades(axes.set_yticks, (-16, -12, -8, -4, 0))
     axes.set_yticks([], minor=True)
     low, high = (math.log10(end) for end in axes.get_xlim())
     decades = [place for place in range(math.ceil(low), math.floor(high) + 1) if high - low < 5 or place % 2 == 0]
-    axes.set_xticks([10.0**place for place in decades], [_power(place) for place in decades])
+    paper.decades(axes.set_xticks, decades)
     axes.set_xticks([], minor=True)
     axes.grid(True)
-
-
-def _power(exponent: int) -> str:
-    """A power of ten in plain characters, which any output format draws as text."""
-    return "1" if exponent == 0 else f"10{plots.superscript(exponent)}"

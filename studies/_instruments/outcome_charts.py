@@ -7,7 +7,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck import plots
-from brdfcheck.plots.paper import wrapped
+from brdfcheck.plots import paper
+from brdfcheck.plots.styles import superscript
 from brdfcheck.studies import table
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def _short(value: float) -> str:
     """A parameter as a tick: 17.85, 10⁵."""
     exponent = f"{value:e}".partition("e")
     if value >= 1e3 and float(exponent[0]) == 1:
-        return f"10{plots.superscript(int(exponent[2]))}"
+        return f"10{superscript(int(exponent[2]))}"
     return f"{value:g}"
 
 
@@ -56,8 +57,8 @@ def plot(record: Mapping[str, Any]) -> Figure:
     methods = list(dict.fromkeys(result["method"] for result in results))
     quantities = list(dict.fromkeys(result["of"] for result in results))
     inches = 0.36 * len(methods) + 1.5
-    figure = plots.empty(max(3.1 * len(quantities) + 1.4, _LEAST_WIDTH), inches)
-    with plots.house_style():
+    figure = paper.empty(max(3.1 * len(quantities) + 1.4, _LEAST_WIDTH), inches)
+    with paper.house_style():
         grid = figure.subplots(1, len(quantities), sharey=True, squeeze=False)[0]
         for axes, quantity in zip(grid, quantities, strict=True):
             for place, method in enumerate(methods):
@@ -127,12 +128,12 @@ def outcome_map(
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
     width = max(across * _PANEL + 0.4, _LEAST_WIDTH)
-    head = wrapped(f"{method}: exponent n (or slope m) down; in each column the angles {_listed(angles)}°", width, 9)
-    foot = wrapped(f"All holds for {'; '.join(whole)}.", width, 7.5) if whole else ""
+    head = paper.wrapped(f"{method}: exponent n (or slope m) down; in each column the angles {_listed(angles)}°", width, 9)
+    foot = paper.wrapped(f"All holds for {'; '.join(whole)}.", width, 7.5) if whole else ""
     above, below = 0.17 * (head.count("\n") + 1) + 0.1, 0.35 + (0.14 * (foot.count("\n") + 1) + 0.1 if foot else 0)
     inches = down * (12 * _ROW + 0.75) + above + below
-    figure = plots.empty(width, inches)
-    with plots.house_style():
+    figure = paper.empty(width, inches)
+    with paper.house_style():
         from matplotlib.colors import ListedColormap
 
         colors = ListedColormap(list(OUTCOMES.values()))

@@ -14,7 +14,6 @@ from _instruments import timing
 from _instruments.peers import metal_table
 from brdfcheck import GGX, CookTorrance, albedo_table
 from brdfcheck.cores import available_cores
-from brdfcheck.plots import superscript
 
 # Of Mitsuba's sampling: samples of a cell, and cells.
 _SAMPLES, _CELLS = (2**10, 2**14), 24
@@ -102,8 +101,3 @@ def metal() -> tuple[list[dict[str, Any]], str | None]:
         values, spent = metal_table.scipy_table(nodes, nodes, cores)
         add("scipy with numba", f"dblquad, {cores} processes", spent, values)
     return found, message
-
-
-def decades(ticks: Callable[..., object], powers: range) -> None:
-    """Ticks at powers of ten."""
-    ticks([10.0**k for k in powers], [f"10{superscript(k)}" for k in powers])

@@ -84,14 +84,10 @@ def _facts(report: Report) -> dict[str, str]:
         "Effort": report.effort,
     }
     if report.channels > 1:
-        worst = "" if report.channel is None else f"; the largest albedo is that of {_channel(report)}"
-        facts["Channels"] = f"{report.channels}{worst}"
+        facts["Channels"] = f"{report.channels}"
+        if report.channel is not None:
+            facts["Channels"] += f"; the largest albedo is that of {words.channel_text(report.channel, report.channels)}"
     return facts
-
-
-def _channel(report: Report) -> str:
-    assert report.channel is not None
-    return words.channel_text(report.channel, report.channels)
 
 
 def _by_channel(entry: Entry) -> dict[str, str]:
