@@ -17,6 +17,12 @@ from brdfcheck.brdf.family import corners
 _GEOMETRIC = 20
 # Ranges that begin at 0, or end there, are also looked at near 0, at these parts of their length.
 _NEAR_AN_END = 10.0 ** np.arange(-6, -1)
+# Steps of the recurrence that spreads points, by a search. The first two are those of the plastic number (Roberts 2018). Its
+# generalisations leave holes in pairs of coordinates: of boxes in which 2.7 of n points lie on average they miss up to 85 %.
+_STEPS = (
+    0.7548776662466927, 0.5698402909980532, 0.3559200226885343, 0.9347984505566128, 0.2912303549628096,
+    0.8089852690177098, 0.22218057380535458, 0.7846673990555803, 0.06640917635520892, 0.6465693312880862,
+)  # fmt: skip
 # Cosines at which grazing light is looked at, and values of t where all corners are.
 DECADES = 10.0 ** np.arange(-1, -9.5, -1)
 _ANGLES = np.array([0.0, 0.02, 0.08, 0.25, 0.5, 0.75, 0.93, 1.0])
@@ -141,7 +147,8 @@ class Box:
         unit = _sequence(count, self.dimension, first)
         random = np.random.default_rng(first + 1)
         parameters = len(self.swept)
-        moved = (np.arange(count) % 3 == 2)[:, None] & (random.uniform(size=(count, parameters)) < 0.5)
+        # The last third: what is left of the sequence has no holes.
+        moved = (np.arange(count) >= count - count // 3)[:, None] & (random.uniform(size=(count, parameters)) < 0.5)
         ends = random.integers(0, 2, (count, parameters))
         unit[:, :parameters] = np.where(moved, ends, unit[:, :parameters])
         if self.has_angle:
@@ -196,11 +203,6 @@ class Box:
 
 
 def _sequence(count: int, dimension: int, first: int) -> np.ndarray:
-    """Points `first`, ... of the additive recurrence of the generalised golden ratio (Roberts 2018): (count, dimension)."""
-    if not dimension:
-        return np.zeros((count, 0))
-    ratio = 2.0
-    for _ in range(64):
-        ratio = (1 + ratio) ** (1 / (dimension + 1))
-    steps = ratio ** -np.arange(1.0, dimension + 1)
+    """Points `first`, ... of an additive recurrence: (count, dimension)."""
+    steps = np.array([_STEPS[axis % len(_STEPS)] ** (1 + axis // len(_STEPS)) for axis in range(dimension)])
     return (0.5 + (first + np.arange(count)[:, None]) * steps) % 1

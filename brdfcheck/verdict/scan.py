@@ -9,7 +9,7 @@ import numpy as np
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
-_POINTS = (2048, 4096, 8192, 9216)
+_POINTS = (2048, 4096, 9216, 9216)
 # Values of the cosine in a scan of a function.
 _COSINES = 513
 # Into how many parts the angles are divided, each with its share of the starts.
