@@ -74,7 +74,8 @@ def mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
         values = [float(rule.compute(lobes[i], columns[j], jax.random.key(k)).value) for k, (i, j) in enumerate(cells)]
         spent = (time.process_time() - began) / len(cells) * 64 * 64
         error = max(abs(value - own[cell]) for value, cell in zip(values, cells, strict=True))
-        found.append({"way": "Mitsuba", "setting": f"{samples} samples", "seconds": spent, "error": error, "claimed": None})
+        way = {"job": "GGX", "way": "Mitsuba", "setting": f"{samples} samples"}
+        found.append({**way, "seconds": spent, "error": error, "claimed": None})
     return found
 
 
