@@ -23,9 +23,9 @@ from brdfcheck.budgets.measure import REFUSED, Budget, BudgetError, Fault, Searc
 from brdfcheck.budgets.programs import Beside, Compiler, beside, irradiance, room_numbers
 from brdfcheck.messages import UsageError
 from brdfcheck.operations import traced
+from brdfcheck.scene.artistic import Highlight, Translucent
 from brdfcheck.scene.images import codes
 from brdfcheck.scene.lights import Distant, Polygon
-from brdfcheck.scene.materials import Highlight, Translucent
 from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.vectors import Vector
 from brdfcheck.transport import box, direct, neumann_series

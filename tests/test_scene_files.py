@@ -7,11 +7,12 @@ from selection import few
 
 from brdfcheck.documents import read_document
 from brdfcheck.messages import UsageError
+from brdfcheck.scene.artistic import Metal
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.files import parse_scene
 from brdfcheck.scene.images import rgb_of_spectrum
 from brdfcheck.scene.lights import Distant
-from brdfcheck.scene.materials import Metal, Surface, Term
+from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.meshes import icosphere
 from brdfcheck.scene.smooth import render_mesh
 from brdfcheck.scene.sphere import sphere_image

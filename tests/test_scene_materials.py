@@ -13,8 +13,9 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Lambert
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.scene import materials
+from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
-from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.shading import shade
 
 PUBLISHED = [entry.name for entry in catalog.entries() if not entry.validated]

@@ -10,9 +10,9 @@ import numpy_raster as plain
 import pytest
 from selection import few
 
+from brdfcheck.scene.artistic import Highlight
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Distant, Point
-from brdfcheck.scene.materials import Highlight
 from brdfcheck.scene.meshes import Mesh, deformed, icosphere
 from brdfcheck.scene.raster import rasterise
 from brdfcheck.scene.smooth import SHADINGS, render_mesh, shade_mesh

@@ -16,9 +16,10 @@ from selection import few
 from brdfcheck.brdf import catalog
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene import furnace, sphere
+from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
-from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.sphere import seen_sphere, sphere_image
 
 SUN, SKY = Distant((0.5, 0.6, 0.62), (3.0, 2.8, 2.5)), Distant((-0.7, 0.1, 0.7), (0.9, 1.0, 1.2))

@@ -19,9 +19,10 @@ from brdfcheck.brdf.two_sides import bsdf
 from brdfcheck.geometry import reflected, refracted
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene import tracing
+from brdfcheck.scene.artistic import Highlight, Translucent
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon
-from brdfcheck.scene.materials import Highlight, Surface, Term, Translucent
+from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.shading import shade
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
 

@@ -23,8 +23,9 @@ from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.factors import Constant, Normalized, exact_factor
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.budgets.scenes import Scene
+from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Distant, Environment, Point, Polygon
-from brdfcheck.scene.materials import Highlight, Metal, NotConserving, Surface, Term, Translucent
+from brdfcheck.scene.materials import NotConserving, Surface, Term
 from brdfcheck.scene.shading import AbstractMaterial, Place
 from brdfcheck.scene.vectors import Vector
 

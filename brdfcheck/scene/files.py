@@ -24,7 +24,7 @@ from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.readers.table import ReadingTable, beside
 from brdfcheck.documents import Model, validated
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.scene import lights, materials, meshes
+from brdfcheck.scene import artistic, lights, materials, meshes
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Perspective, Size, checked_size
 from brdfcheck.scene.images import rgb_of_spectrum
 from brdfcheck.scene.raster import INTERPOLATIONS
@@ -138,7 +138,7 @@ _GEOMETRY = _one_of(
     _table("mesh", meshes.read_mesh, file=(str, ...), **_OPTIONS),
 )
 _CAMERA = _one_of(_table("orthographic", Orthographic), _table("perspective", Perspective))
-_ARTISTIC = (materials.Highlight, materials.Translucent, materials.Metal)
+_ARTISTIC = (artistic.Highlight, artistic.Translucent, artistic.Metal)
 _MATERIAL = _one_of(_Surface, *(_table(kind.__name__.lower(), kind) for kind in _ARTISTIC))
 _LIGHTS = (lights.Ambient, lights.Environment, lights.Distant, lights.Point, lights.Spot, lights.Polygon)
 _LIGHT = _one_of(*(_table(kind.__name__.lower(), kind) for kind in _LIGHTS))

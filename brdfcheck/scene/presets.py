@@ -18,6 +18,7 @@ import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.messages import UnknownName, one_of
+from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.canvas import (
     BELOW,
@@ -33,7 +34,7 @@ from brdfcheck.scene.canvas import (
 )
 from brdfcheck.scene.images import contact_sheet
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
-from brdfcheck.scene.materials import Highlight, Metal, Surface, Term, Translucent
+from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.smooth_shading import gouraud_phong, mach_bands, quadrilaterals, sheets, silhouette_bleed
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
 from brdfcheck.scene.white_furnace import furnace, furnace_of, furnace_validated

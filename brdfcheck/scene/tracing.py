@@ -24,9 +24,9 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.transmission import AbstractSmooth, SmoothDielectric
 from brdfcheck.geometry import reflected, refracted
+from brdfcheck.scene.artistic import Translucent
 from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight
-from brdfcheck.scene.materials import Translucent
 from brdfcheck.scene.shading import AbstractMaterial, shade
 from brdfcheck.scene.sphere import refuse_inside, sphere_image
 from brdfcheck.scene.vectors import Vector, color_of, integer, scalar, unit, vector_of
