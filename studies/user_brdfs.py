@@ -6,9 +6,10 @@ Answer: 4 to 26 seconds on two cores, 8 in the median, 1.2 times as fast as befo
 worst; brute force finds no larger albedo in any of 14 families, before it did in one.
 
 Twelve kinds of BRDF in plain JAX or numpy (_instruments/user_families.py), two in two forms, over all their parameters. Each
-check is a process, timed from start to end on all cores: with an empty cache of compiled programs, and with what it leaves; the
-older version with an empty one. Brute force (_instruments/user_scan.py) shares nothing with the package: Sobol points over
-parameters, cosine and azimuth, denser around the best, a fixed product rule at each; its error is that of the rule.
+check is a process, timed from start to end on all cores: with an empty cache of compiled programs, and below ten seconds with
+what it leaves, too; the older version with an empty one. Brute force (_instruments/user_scan.py) shares nothing with the
+package: Sobol points over parameters, cosine and azimuth, denser around the best, a fixed product rule at each; its error is
+that of the rule.
 """
 
 from __future__ import annotations

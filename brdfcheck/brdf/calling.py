@@ -49,7 +49,9 @@ def name_of(function: object) -> str:
     lobe, factor = getattr(function, "lobe", None), getattr(function, "factor", None)
     if lobe is not None and factor is not None:
         return f"{name_of(lobe)} times {name_of(factor)}"
-    return getattr(function, "__name__", type(function).__name__)
+    name = getattr(function, "__name__", None)
+    # What has been taken apart and put together again by JAX may hold a placeholder there.
+    return name if isinstance(name, str) else type(function).__name__
 
 
 def angle_of(name: str) -> str | None:

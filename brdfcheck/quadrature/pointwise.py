@@ -225,7 +225,7 @@ class PointwiseAlbedo:
         if self.evaluator is None:
             return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
         rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
-        return self._graded(self.evaluator, parameters, cos_theta, azimuth, *rules)
+        return self._graded(self.evaluator, parameters, np.maximum(cos_theta, GRAZING), azimuth, *rules)
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
         chunk = self.engine.chunk
@@ -252,11 +252,10 @@ class PointwiseAlbedo:
     # --- engine 3 ---
 
     def _graded(
-        self, evaluator: Evaluator, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *rules: Rule
+        self, evaluator: Evaluator, parameters: np.ndarray, mu: np.ndarray, azimuth: np.ndarray, *rules: Rule
     ) -> tuple[np.ndarray, np.ndarray]:
         """By a fixed rule; the difference to a second one is the error."""
         blocks = [-(-rule.size // BLOCK) for rule in rules]
-        mu = np.maximum(cos_theta, GRAZING)
         sine = np.sqrt((1 - mu) * (1 + mu))
         wi = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=1)
         value = np.zeros((2, len(mu), evaluator.channels or 1))

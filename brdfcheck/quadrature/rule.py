@@ -21,6 +21,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf.base import AbstractBRDF, core_of
+from brdfcheck.brdf.calling import name_of
 from brdfcheck.geometry import safe_root
 
 # Directions evaluated together; bounds the memory of fine settings.
@@ -325,7 +326,7 @@ def bar(fine: Any, coarse: Any, more: Any = 0.0, *, caution: float = 1, xp: Any 
 def _called(brdf: Any) -> str:
     core = core_of(brdf)
     form = f" in the {core.form} form" if hasattr(core, "form") else ""
-    return getattr(core, "__name__", type(core).__name__) + form
+    return name_of(core) + form
 
 
 def _checked_key(key: Any) -> Any:
