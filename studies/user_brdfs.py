@@ -64,16 +64,16 @@ def plot(record: dict[str, Any]) -> Any:
     """A group of bars a family: seconds before, now, and now with programs kept; the verdicts beside them."""
     rows = record["results"]
     times = {part: [row[part]["seconds"] for row in rows if part in row] for part in BARS if part != "kept"}
-    times["kept"] = [row["now"]["kept_seconds"] for row in rows if row["now"]["kept_seconds"]]
-    shown = [part for part in BARS if times[part]]
-    longest = max(max(times[part]) for part in shown)
+    times["kept"] = [row["now"]["kept_seconds"] or math.nan for row in rows]
+    shown = [part for part in BARS if not all(map(math.isnan, times[part]))]
+    longest = max(max(filter(math.isfinite, times[part])) for part in shown)
     with paper.house_style():
         figure = paper.empty(8.2, 0.15 * (len(shown) + 0.8) * len(rows) + 1.0)
         axes = figure.subplots()
         for place, part in enumerate(shown):
             heights = [row + (place - (len(shown) - 1) / 2) * 0.26 for row in range(len(rows))]
             bars = axes.barh(heights, times[part], 0.24, color=BARS[part])
-            axes.bar_label(bars, [f"{time:.3g} s" for time in times[part]], padding=3, fontsize=7)
+            axes.bar_label(bars, [f"{time:.3g} s" if time > 0 else "" for time in times[part]], padding=3, fontsize=7)
         for place, row in enumerate(rows):
             now, flagged = row["now"], row["flags"]["now"] + row["flags"].get("both", [])
             ratio = f", {row['ratio']:.2g} times the speed" if row["ratio"] else ""
