@@ -148,7 +148,7 @@ class Winners:
             return True
         # What was not climbed from because it is not known well enough.
         top = self.top
-        rough = self.box.dimension > 0 and np.any(self.finite) and not self.climbed[top]
+        rough = self.box.dimension > 0 and np.any(self.finite) and not self.is_climbed(self.places[top])
         if not rough:
             return False
         rounding = min(rounding, float(self.errors[top]))
