@@ -35,8 +35,8 @@ Examples:
   brdfcheck study shader_corpus --given my_shaders --out mine
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
-FOLDER/README.md. At full size a study takes less than two minutes on two cores, and all of them
-together less than a quarter of an hour: each runs in a process of its own, several side by
+FOLDER/README.md. At full size most studies take less than two minutes on two cores, the longest
+five, and all of them together about 21: each runs in a process of its own, several side by
 side unless they measure times.""",
 )
 def _study(

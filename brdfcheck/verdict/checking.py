@@ -171,8 +171,10 @@ def check_family(
 
 
 def _proof(family: Family, place: Mapping[str, float] | None = None) -> Verdict | None:
-    """What is proved of the family, or of its member at `place`, in little time; None where nothing is, or it is none of the
-    formulas that proofs know."""
+    """What is proved of the family, or of its member at `place`, in little time.
+
+    None where nothing is, or it is none of the formulas that proofs know.
+    """
     try:
         ranges = {name: (value, value) for name, value in (place or {}).items() if name in family.ranges}
         return Verdict[certify_family(family, ranges, most=_BOXES).verdict]
