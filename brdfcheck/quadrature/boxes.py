@@ -162,10 +162,10 @@ def directions(boxes: Boxes, points: np.ndarray, wo: np.ndarray, weight: np.ndar
     stretch = boxes.size[:, :1] * boxes.size[:, 1:]
     bent = boxes.patch[:, 6] != 0
     if np.any(bent):
-        stretch = np.where(bent[:, None], stretch, np.ones_like(along) * stretch)
-        here = boxes.patch[bent], along[bent], across[bent], radius[bent]
-        along[bent], across[bent], factor = circle.unbent(*here)
-        stretch[bent] *= factor
+        stretch = stretch * np.ones_like(along)
+        rows = along[bent], across[bent]
+        stretch[bent] *= circle.unbend(boxes.patch[bent], *rows, radius[bent])
+        along[bent], across[bent] = rows
     density = stretch * np.where(plain, 1, radius * np.sqrt(radius * radius + CENTRE**2) * (2 * across))
     radius, lag = np.where(plain, along, radius), np.where(plain, across, radius * (across * across))
     second = kind == 2

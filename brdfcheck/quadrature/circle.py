@@ -31,28 +31,27 @@ def _reach(sine: np.ndarray, cosine: np.ndarray, elevation: np.ndarray) -> np.nd
     return np.arctan2(np.sqrt(np.maximum(above, 0)), cosine)
 
 
-def unbent(
-    patch: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The coordinates of points in bent boxes, (boxes, points) each, as those of plain boxes or triangles; and the stretch.
+def unbend(patch: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Write the coordinates of points in bent boxes, (boxes, points) each, as those of plain boxes or triangles.
 
-    `radius` is that of points in triangles.
+    `radius` is that of points in triangles. Returns by how much the boxes are stretched there, (boxes, points).
     """
-    height, rise, kind, bend, edge, cosine = (patch[:, i, None] for i in (1, 2, 4, 6, 7, 8))
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    light = np.arctan2(cosine, sine)
-    triangle = kind == 2
-    level = np.abs(bend) == 1  # `along` is bent
-    b = np.where(triangle, radius, across)
-    offset = rise * (light - height + _elevation(sine, cosine, b))
-    circle = np.where(
-        triangle,
-        np.sqrt(np.maximum(offset, 0) / np.where(triangle, radius, 1)),
-        np.where(level, offset, _reach(sine, cosine, height + rise * along)),
-    )
-    span = circle - edge
-    along, across = np.where(level, edge + along * span, along), np.where(level, across, edge + across * span)
-    return along, across, np.sign(bend) * span
+    stretch = np.empty_like(along)
+    level, triangle = np.abs(patch[:, 6]) == 1, patch[:, 4] == 2
+    for which in (level, triangle, ~(level | triangle)):
+        height, rise, bend, edge, cosine = (patch[which, i, None] for i in (1, 2, 6, 7, 8))
+        sine = np.sqrt((1 - cosine) * (1 + cosine))
+        if which is level:
+            circle = rise * (np.arctan2(cosine, sine) - height + _elevation(sine, cosine, across[which]))
+        elif which is triangle:
+            circle = np.sqrt(_elevation(sine, cosine, radius[which]) / radius[which])
+        else:
+            circle = _reach(sine, cosine, height + rise * along[which])
+        span = circle - edge
+        bent = along if which is level else across
+        bent[which] = edge + bent[which] * span
+        stretch[which] = np.sign(bend) * span
+    return stretch
 
 
 def crossed(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
