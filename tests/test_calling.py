@@ -233,7 +233,9 @@ def test_functions_of_angles_are_families():
             as_target(function)
 
 
-@pytest.mark.parametrize("names", ["cos_i, cos_o", "NdotL, NdotV", "mu_i, mu_o", "theta, phi", "cosThetaIn, cosThetaOut", "nl, nv"])
+@pytest.mark.parametrize(
+    "names", ["cos_i, cos_o", "NdotL, NdotV", "mu_i, mu_o", "theta, phi", "cosThetaIn, cosThetaOut", "nl, nv"]
+)
 def test_angles_and_cosines_are_not_taken_for_directions(names):
     with pytest.raises(UsageError, match=r"write f\(wi, wo\), with wi\[\.\.\., 2\] a cosine"):
         as_target(eval(f"lambda {names}: 0.3"))  # both would be arrays of three numbers: their product is a colour
