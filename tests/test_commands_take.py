@@ -115,6 +115,20 @@ def test_a_furnace_shows_what_is_reflected(files: Path) -> None:
         presets.render_brdf("cube", brdf, name)
 
 
+def test_a_furnace_calls_a_function_of_numpy_for_many_pixels_at_once() -> None:
+    sizes = []
+
+    def matt(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        sizes.append(len(wi))
+        return np.where(np.asarray(wi)[..., 2] > 0, 0.25, 0.0)
+
+    brdf = brdf_of(matt, {})
+    sizes.clear()
+    excess, _ = furnace_excess(brdf, {}, 48)
+    assert excess[24, 24] == pytest.approx(np.pi / 4 - 1, abs=1e-4)
+    assert np.mean(sizes) > 4 * 8192  # the directions of one pixel
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
