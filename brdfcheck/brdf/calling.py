@@ -40,6 +40,7 @@ _OF_ANGLES = {
 }
 _ROLES = {name: role for role, names in _OF_ANGLES.items() for name in names}
 _ANGLE = re.compile(r"(theta|phi|θ|φ)_?(\w+)")
+_NUMBER = re.compile(rf"(cos_?(theta|θ)?|mu|μ|theta|phi|θ|φ)_?(\d|{'|'.join(_ROLES)})?|[hlnv]_?dot_?[hlnv]|n[hlv]|[lv]h")
 ANGLES = "(theta_i, phi_i, theta_o, phi_o), (theta_h, theta_d, phi_d)"
 """Signatures in angles, for messages: any two or more of these names, and of phi_h, are recognised."""
 
@@ -62,6 +63,11 @@ def angle_of(name: str) -> str | None:
     return f"{'theta' if found[1] in ('theta', 'θ') else 'phi'}_{_ROLES[found[2]]}"
 
 
+def is_number(name: str) -> bool:
+    """True for the names of angles and cosines, which no direction has: ``theta``, ``cos_i``, ``NdotL``."""
+    return _NUMBER.fullmatch(name.lower()) is not None
+
+
 def is_normal(name: str) -> bool:
     """True for one of `NORMALS`: an exponent is n."""
     return name in ("N", "Ng", "Ns") or name.lower() in ("normal", "nrm")
@@ -72,10 +78,10 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
 
     Objects that are not callable, but have a method `eval` or `f`, stand for that. Arguments called like `ANGLES` are angles in
     radians: theta from the normal, phi from the x axis, in (-pi, pi]; h the half vector, d the light relative to it
-    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order. Beside two
-    directions called so, an argument of `NORMALS` gets (0, 0, 1), but where its name is one of the `parameters`, and X and Y
-    beside that get the axes along the surface; the function that is returned then has the names of the normal as
-    `given_normal`, and `is_number`, true where it takes them for numbers.
+    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) and f(alpha, wi, wo) get their directions
+    where they are named. Beside two directions called so, an argument of `NORMALS` gets (0, 0, 1), but where its name is one of
+    the `parameters`, and X and Y beside that get the axes along the surface; the function that is returned then has the names
+    of the normal as `given_normal`, and `is_number`, true where it takes them for numbers.
     """
     if isinstance(value, (AbstractBRDF, AbstractBSDF, type)):
         return value
@@ -95,12 +101,17 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
     # As BRDF Explorer has them: f(L, V, N, X, Y).
     tangents = next(([names[x], names[y]] for x, y in _TANGENTS if normals and x in names and y in names), [])
     first = [item for item in given if item not in normals and item not in tangents][:2]
-    roles = [DIRECTIONS.get(item.name.lower()) for item in first]
-    if normals and sorted(map(str, roles)) == ["i", "o"]:
-        return _with_normal(value, first[roles.index("i")], first[roles.index("o")], normals, tangents, signature)
-    if roles == ["o", "i"]:
-        return _renamed(value, lambda wi, wo, *more, **rest: value(wo, wi, *more, **rest), signature, first)
-    return value
+    named = [item for item in given if item.name not in (*parameters, "l", "v") and item.name.lower() in DIRECTIONS]
+    ways = ([DIRECTIONS.get(item.name.lower(), "") for item in two] for two in (first, named))
+    pair = next((two for two, roles in zip((first, named), ways, strict=True) if sorted(roles) == ["i", "o"]), [])
+    if not pair:
+        return value
+    light, viewer = sorted(pair, key=lambda item: DIRECTIONS[item.name.lower()])
+    if normals:
+        return _with_normal(value, light, viewer, normals, tangents, signature)
+    if [light, viewer] == given[:2]:
+        return value
+    return _renamed(value, lambda wi, wo, **rest: value(**{light.name: wi, viewer.name: wo}, **rest), signature, pair)
 
 
 def _renamed(value: Any, brdf: Any, signature: inspect.Signature, gone: list[inspect.Parameter]) -> Any:
