@@ -101,7 +101,7 @@ def plural(count: int, singular: str, many: str) -> str:
 
 
 def message(report: Report) -> str:
-    """In one line what was found out, for annotations and test reports."""
+    """In one line what was found out, for annotations and test reports; what is wrong comes first."""
     text = f"{report.verdict.name}: albedo {albedo_text(report)}"
     if place_text(report):
         text += f" at {place_text(report)}"
@@ -109,7 +109,8 @@ def message(report: Report) -> str:
     if interval:
         text += f"; exceeds 1 for {interval}"
     text += f" (tolerance {exact(report.tolerance)})"
-    return "; ".join((text, *map(one_line, report.findings)))
+    parts = (text, *map(one_line, report.findings))
+    return "; ".join(parts if report.verdict.name != "CONSERVES" else (*parts[1:], text))
 
 
 def basis_text(report: Report) -> str:
