@@ -44,8 +44,7 @@ _RULES: dict[str, tuple[str, str, str, str]] = {
         "EnergyUndecided",
         "warning",
         "Whether the BRDF conserves energy could not be decided.",
-        "The error bar of the largest albedo contains 1, or the search did not settle. Allow more effort (--effort thorough),"
-        " narrow the ranges, or allow a tolerance.",
+        "The message says why. Allow more effort (--effort thorough), narrow the ranges, or allow a tolerance.",
     ),
     "brdf/not-evaluated": (
         "NotEvaluated",
@@ -93,7 +92,7 @@ def defects(report: Report) -> Iterator[tuple[str, str]]:
     if report.verdict.name == "VIOLATES":
         yield "energy/violates", _energy(report)
     elif report.verdict.name == "UNDECIDED" and report.basis != "none":
-        yield "energy/undecided", _energy(report)
+        yield "energy/undecided", f"{words.reason_text(report)}: {_energy(report)}"
     for finding in report.findings:
         usual = "brdf/not-evaluated" if report.basis == "none" else "brdf/finding"
         yield failed.get(finding, usual), one_line(finding)

@@ -113,6 +113,21 @@ def message(report: Report) -> str:
     return "; ".join(parts if report.verdict.name != "CONSERVES" else (*parts[1:], text))
 
 
+def reason_text(report: Report) -> str:
+    """Why the verdict is what it is."""
+    if report.verdict.name != "UNDECIDED":
+        return report.verdict.value
+    if report.basis == "none":
+        return "the BRDF could not be evaluated"
+    if math.isnan(report.albedo):
+        return "the albedo is not a number"
+    if not report.settled:
+        return "the search did not settle: narrow the ranges, or give it more effort"
+    if report.albedo + report.error < 0:
+        return "the albedo is negative throughout"
+    return report.verdict.value
+
+
 def basis_text(report: Report) -> str:
     """What the answer rests on, in a few words: a theorem or a search, how large it was, and what it could have missed."""
     if report.basis == "none":
