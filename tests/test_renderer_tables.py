@@ -436,6 +436,14 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     assert max(errors[1:]) <= fits.split_sum_error + rounding
     assert fits.albedo.max_error < 0.02
     assert fits.split_sum_error < 0.05
+    # Where fits are above 1 nothing is lost, and nothing is added: no negative light, and no division by nothing.
+    none = program(
+        text, 'std::printf("%.17g %.17g\\n", (double)ggx_compensation(p, 0.5, 0.75), (double)ggx_compensation(0.5, mu, p));'
+    )
+    ends = np.array([[1 + 1e-3, 0.5], [1.0, 1.0]])
+    added = compiled(tmp_path, none, ends)
+    assert np.all(added[:, 0] == 0)
+    assert np.all((added[:, 1] >= 0) & (added[:, 1] <= 0.25 / np.pi / fits.average.max_error * 1.01))
     p = np.linspace(*fits.average.bounds, 50)
     assert np.max(np.abs(fits.average(p) - average_albedo(table.sources.family, p)[0])) <= 1.02 * fits.average.max_error
 
