@@ -249,6 +249,17 @@ def test_the_compensated_albedo_is_1_less_what_the_look_up_is_above(table):
         assert np.max(total) <= 1 + 1e-9
 
 
+def test_where_nothing_is_lost_the_compensation_is_a_number_in_single_precision():
+    """A mirror returns all: 1 - E and 1 - average are nothing, and the renderer's quotient was 0/0."""
+    found = compensation(renderer_table("ggx", {"roughness": (0.0, 0.05)}, size=(5, 6)))
+    energy, average = np.float32(found.energy), np.float32(found.average)
+    assert np.max(energy) == 1
+    with np.errstate(all="raise"):
+        added = (1 - energy) ** 2 / (np.float32(np.pi) * (1 - average[:, None]))
+    assert np.all((added >= 0) & np.isfinite(added))
+    assert 0 <= found.loss < 1e-3
+
+
 def test_above_1_there_is_nothing_to_compensate(mine):
     with pytest.raises(UsageError, match=r"albedo is 1.08333 at k=1.08333, .*above 1"):
         compensation(renderer_table("mine.py:bright", {"k": (0.5, 1.2)}, size=(3, 3)))
