@@ -13,3 +13,9 @@ def cache_folder() -> Path:
         return Path(named)
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "brdfcheck"
+
+
+def repository() -> Path:
+    """The folder from which code hosts name files: the nearest one with a .git, else the current one."""
+    here = Path.cwd()
+    return next((folder for folder in (here, *here.parents) if (folder / ".git").exists()), here)

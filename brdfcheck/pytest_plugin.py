@@ -91,7 +91,9 @@ def _told(item: pytest.Item, work: Any, *, trace: bool = False) -> Any:
     try:
         return work()
     except Failure as failure:
-        words = failure.words(["pytest", item.nodeid], _folder(item))
+        # The id of a test begins with its file as seen from the root, from which pytest need not have been started.
+        file = os.path.relpath(item.path, item.config.invocation_params.dir)
+        words = failure.words(["pytest", f"{file}::{item.nodeid.partition('::')[2]}"], _folder(item))
     pytest.fail(words, pytrace=trace)
 
 

@@ -94,9 +94,11 @@ def summary(record: dict[str, Any]) -> str:
         rows.append((*row, f"{result['rms']:.1e}", place, f"{result['above_1']}", bias, result["reading"]))
     limits = [f"off by more than {limit:g}" for limit in record["settings"]["limits"]]
     header = ("", "cells", *limits, "largest error", "inside", "rms", "worst at", "above 1", "bias", "read as")
+    files = sum(result["kind"] == "table" for result in record["results"])
     return (
         "Errors of the directional albedo E of GGX with F = 1, in cells; 'inside' leaves out the first row and the first"
         " column, where tables with nodes at 0 hold what they like; 'bias' is the largest error at F0 = 0:\n\n"
         f"{table(header, rows)}\n\nThe functions of brdfcheck have {record['settings']['coefficients']} coefficients for E."
-        " Tables are compared where their files are given; they are not part of this package."
+        f" Tables are not part of this package, and are compared where their files are given: here {files}. Those of other"
+        " renderers, such as Filament and OSPRay, are not compared; `--given FILE` does it."
     )

@@ -10,7 +10,7 @@ import shlex
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from brdfcheck.output import records, sarif
 from brdfcheck.verdict import Report, Verdict
 from brdfcheck.verdict.checks import CHECKS
 from brdfcheck.verdict.parts import Check
+from brdfcheck.verdict.words import reason_text
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 GOOD = Report("mine.py:good", Verdict.CONSERVES, {}, albedo=0.5, error=1e-9, cos_theta=1.0, basis="search")
@@ -89,6 +90,27 @@ def test_sarif_has_a_result_for_each_defect(tmp_path: Path) -> None:
         assert location["logicalLocations"][0]["fullyQualifiedName"].startswith("mine.py:")
     assert lines == [7, 7, 7, 1, 3]
     assert found[4]["properties"]["albedo"] == "Infinity"
+
+
+@pytest.mark.parametrize(
+    ("report", "why"),
+    [
+        (BAD, "the albedo exceeds 1 by more than its own error"),
+        (LOST, "the BRDF could not be evaluated"),
+        (OPEN, "the search did not settle: narrow the ranges, or give it more effort"),
+        (
+            dataclasses.replace(OPEN, albedo=1.0, settled=True),
+            "the error bar contains 1: ask for more accuracy or allow a tolerance",
+        ),
+        (dataclasses.replace(OPEN, albedo=-0.1, settled=True), "the albedo is negative throughout"),
+        (dataclasses.replace(OPEN, albedo=nan), "the albedo is not a number"),
+    ],
+)
+def test_why_the_verdict_is_what_it_is(report: Report, why: str) -> None:
+    assert reason_text(report) == why
+    if report.verdict is Verdict.UNDECIDED and report is not LOST:
+        (found,) = results([report], [(None, None)])
+        assert found["message"]["text"].startswith(f"mine.py:open: {why}: albedo ")
 
 
 def test_sarif_rules() -> None:

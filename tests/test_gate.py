@@ -102,7 +102,8 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
         ("", "subjects: is missing"),
         ("subjects = []", "subjects: must have at least one entry"),
         ('[[subjects]]\ntarget = "a.py:f"\novr = {}', "unknown key 'ovr'; did you mean over?"),
-        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [3, 1] }', "n: LO must not exceed HI"),
+        ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [3, 1] }', "subjects[0].over.n: LO must not exceed HI; got [3, 1]"),
+        ('[[subjects]]\ntarget = "a.py:f"\ncos_theta = [1, 0.5]', "subjects[0].cos_theta: LO must not exceed HI"),
         ('[[subjects]]\ntarget = "a.py:f"\nover = { n = [1, 3] }\nhold = { n = 1 }', "n is both in over and in hold"),
         ('[[subjects]]\ntarget = "a.py:f"\ncos_theta = [0, 2]', "must run within 0 and 1"),
         ('[[subjects]]\ntarget = "a.py:f"\nexpect = { violates = 1.1 }', "reason: is missing"),
@@ -274,7 +275,42 @@ def test_a_stale_entry_is_a_warning_on_github(run: Run, write: Write, monkeypatc
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     code, out, _ = run("check")
     assert code == ExitCode.PASSED
-    assert "::warning file=mine.py,line=8,title=brdfcheck%3A mine.py%3Abright::the known violation is smaller" in out
+    assert "::warning file=brdfcheck.toml,line=1,title=brdfcheck%3A mine.py%3Abright::the known violation is smaller" in out
+
+
+def test_code_hosts_get_a_place_for_every_subject_as_seen_from_the_repository(
+    run: Run, write: Write, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / ".git").mkdir()
+    write(
+        "a part/mine.py",
+        "def bright(wi, wo):\n    return 0.5 + 0 * wi[..., 2]\n\ndef one_way(wi, wo):\n    return 0.1 * wi[..., 2]\n",
+    )
+    write(
+        "a part/brdfcheck.toml",
+        'effort = "quick"\n\n[[subjects]]\ntarget = "blinn-phong-8"\nover = { n = [8, 9] }\n'
+        '[[subjects]]\ntarget = "mine.py:bright"\n[[subjects]]\ntarget = "mine.py:bright"\ncos_theta = [0.5, 1]\n'
+        '[[subjects]]\ntarget = "mine.py:one_way"\n',
+    )
+    monkeypatch.chdir(here / "a part")
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    code, out, _ = run("check", "--sarif", "r.sarif", "--junitxml", "r.xml")
+    assert code == ExitCode.FAILED
+    marks = [line for line in out.splitlines() if line.startswith("::error")]
+    assert [mark.split(",title")[0] for mark in marks] == [
+        "::error file=a part/brdfcheck.toml,line=3",
+        "::error file=a part/mine.py,line=1",
+        "::error file=a part/mine.py,line=1",
+        "::error file=a part/mine.py,line=4",
+    ]
+    assert "::not reciprocal: " in marks[-1], "what is wrong comes first"
+    (log,) = json.loads((here / "a part/r.sarif").read_text())["runs"]
+    found = [result["locations"][0]["physicalLocation"] for result in log["results"]]
+    assert [place["artifactLocation"]["uri"] for place in found] == ["a%20part/brdfcheck.toml"] + ["a%20part/mine.py"] * 3
+    assert found[0]["region"] == {"startLine": 3}
+    prints = [result["partialFingerprints"] for result in log["results"]]
+    assert len({one["primaryLocationLineHash"] for one in prints}) == len(prints), "GitHub takes equal ones for one alert"
+    assert 'file="brdfcheck.toml" line="3"' in (here / "a part/r.xml").read_text()
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_functions_that_return_a_brdf_or_are_a_family(pytester: pytest.Pytester,
     )
 
 
-def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: Run) -> None:
+def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makepyfile(
         """
         import pytest
@@ -115,7 +115,9 @@ def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: 
             brdfcheck.assert_conserves(one_way, effort="quick")
         """
     )
-    result = session("--basetemp", str(pytester.path / "base"))
+    # The command must repeat it from where pytest was started, which need not be the root.
+    monkeypatch.chdir(pytester.mkdir("below"))
+    result = session("--basetemp", str(pytester.path / "base"), "--rootdir", str(pytester.path), "..")
     result.assert_outcomes(failed=2)
     text = result.stdout.str()
     result.stdout.fnmatch_lines(
@@ -126,11 +128,11 @@ def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: 
             "  tolerance       1e-9",
             "  rests on        theorem: *",
             "  picture         *albedo-0.png",
-            "  repeat with     pytest 'test_a_failure_says_all_there_is_to_say.py::test_family[[]k=0.5:1.25[]]'",
+            "  repeat with     pytest '../test_a_failure_says_all_there_is_to_say.py::test_family[[]k=0.5:1.25[]]'",
             ">       brdfcheck.assert_conserves(one_way, effort=*quick*)",
-            "*one_way: CONSERVES *",
+            "*one_way: 1 finding; CONSERVES *",
             "*finding         not reciprocal: * at wi=(*), wo=(*)*",
-            "*repeat with     pytest *::test_fixture",
+            "*repeat with     pytest ../*::test_fixture",
         ]
     )
     # A set: where the variable CI is set, pytest's own summary has each failure once more.
@@ -148,7 +150,7 @@ def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: 
     [
         ("ovr={}", "return matt", "unknown key 'ovr'; did you mean over?"),
         ("{}", "return matt", "takes keywords"),
-        ("over={'k': (2, 1)}", "return matt", "k: LO must not exceed HI"),
+        ("over={'k': (2, 1)}", "return matt", "pytest.mark.brdf: over.k: LO must not exceed HI; got (2, 1)"),
         ("effort='quick'", "pass", "must return a BRDF"),
         ("effort='quick'", "return 3", "a BRDF must be callable"),
         ("effort='quick'", "return matt", "the parameter k must be given a range"),

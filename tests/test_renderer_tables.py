@@ -249,6 +249,17 @@ def test_the_compensated_albedo_is_1_less_what_the_look_up_is_above(table):
         assert np.max(total) <= 1 + 1e-9
 
 
+def test_where_nothing_is_lost_the_compensation_is_a_number_in_single_precision():
+    """A mirror returns all: 1 - E and 1 - average are nothing, and the renderer's quotient was 0/0."""
+    found = compensation(renderer_table("ggx", {"roughness": (0.0, 0.05)}, size=(5, 6)))
+    energy, average = np.float32(found.energy), np.float32(found.average)
+    assert np.max(energy) == 1
+    with np.errstate(all="raise"):
+        added = (1 - energy) ** 2 / (np.float32(np.pi) * (1 - average[:, None]))
+    assert np.all((added >= 0) & np.isfinite(added))
+    assert 0 <= found.loss < 1e-3
+
+
 def test_above_1_there_is_nothing_to_compensate(mine):
     with pytest.raises(UsageError, match=r"albedo is 1.08333 at k=1.08333, .*above 1"):
         compensation(renderer_table("mine.py:bright", {"k": (0.5, 1.2)}, size=(3, 3)))
@@ -436,6 +447,14 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     assert max(errors[1:]) <= fits.split_sum_error + rounding
     assert fits.albedo.max_error < 0.02
     assert fits.split_sum_error < 0.05
+    # Where fits are above 1 nothing is lost, and nothing is added: no negative light, and no division by nothing.
+    none = program(
+        text, 'std::printf("%.17g %.17g\\n", (double)ggx_compensation(p, 0.5, 0.75), (double)ggx_compensation(0.5, mu, p));'
+    )
+    ends = np.array([[1 + 1e-3, 0.5], [1.0, 1.0]])
+    added = compiled(tmp_path, none, ends)
+    assert np.all(added[:, 0] == 0)
+    assert np.all((added[:, 1] >= 0) & (added[:, 1] <= 0.25 / np.pi / fits.average.max_error * 1.01))
     p = np.linspace(*fits.average.bounds, 50)
     assert np.max(np.abs(fits.average(p) - average_albedo(table.sources.family, p)[0])) <= 1.02 * fits.average.max_error
 

@@ -290,7 +290,7 @@ def test_assert_conserves() -> None:
         brdfcheck.assert_conserves("binomial-power-published")
     with pytest.raises(AssertionError, match=r"raised RuntimeError: boom"):
         brdfcheck.assert_conserves(raises)
-    with pytest.raises(AssertionError, match=r"CONSERVES.*not reciprocal"):
+    with pytest.raises(AssertionError, match=r"not reciprocal.*CONSERVES"):
         brdfcheck.assert_conserves(lambda wi, wo: 0.2 * wi[..., 2] + 0 * wo[..., 2], effort="quick")
     with pytest.raises(ValueError, match="tolerance"):
         brdfcheck.assert_conserves("phong", tolerance=2.0)

@@ -278,9 +278,9 @@ def _run(
     if os.environ.get("GITHUB_ACTIONS") and not audit:
         for case, report in zip(cases, reports, strict=True):
             if not report.passed or report.stale:
-                place: Any = {"file": case.file, "line": case.line, "kind": "warning" if report.passed else "error"}
-                text = report.notes[-1] if report.passed else message(report)
-                output.line(records.github_error(f"brdfcheck: {report.name}", text, **place))
+                file, line_ = case.request.place if report.passed else case.place
+                kind, text = ("warning", report.notes[-1]) if report.passed else ("error", message(report))
+                output.line(records.github_error(f"brdfcheck: {report.name}", text, file=file, line=line_, kind=kind))
     with contextlib.redirect_stdout(sys.stderr):  # a user's code may print while it is drawn
         files.write(output, cases, reports, jobs=settings["jobs"], seconds=seconds, exit_code=code, claims=claims or None)
     pairs = list(zip(cases, reports, strict=True))

@@ -98,7 +98,8 @@ def filtered(requests: Sequence[Request], substring: str) -> list[Request]:
         if names:
             found.append(request if names == request.names else replace(request, names=names))
     if not found:
-        raise NothingToCheck(f"nothing to check: no name contains {substring!r}; brdfcheck list shows all names")
+        listed = "; brdfcheck list shows all names" if all(request.index is None for request in requests) else ""
+        raise NothingToCheck(f"nothing to check: no name contains {substring!r}{listed}")
     return found
 
 

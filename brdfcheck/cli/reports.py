@@ -78,7 +78,7 @@ class Files:
         from brdfcheck.output import records, sarif
         from brdfcheck.verdict.words import message
 
-        places = [(case.file, case.line) for case in cases]
+        places = [case.place for case in cases]
         if self.junitxml:
             messages = [message(report) for report in reports]
             classes = ["brdfcheck.user" if case.file else "brdfcheck.catalog" for case in cases]

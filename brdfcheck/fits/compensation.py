@@ -33,7 +33,8 @@ from brdfcheck.verdict.checking import check_family
 
 # Of a parabola the middle of a cell misses the most; this is for what bends otherwise.
 _MARGIN = 1.25
-_SMALLEST = 1e-12
+# What 1 less the average is at least, so that where nothing is lost a renderer divides nothing by something, in float32 too.
+_SMALLEST = 1e-6
 _RTOL = 1e-4
 
 
@@ -79,10 +80,12 @@ def compensation(table: RendererTable, rtol: float | None = None, row: Callable[
         missed = values + bars - _looked_up(grid.nodes, grid.cos_theta, grid.values, *axes)
         around = maximum_filter(np.maximum(missed, 0), size=5, mode="nearest")[1::2, 1::2]
         energy = np.minimum(grid.values + grid.errors + _MARGIN * around, 1)
-        average = averages(grid.cos_theta, energy)
-        loss = _looked_up(grid.nodes, grid.cos_theta, energy, *axes) - values
+        exact = averages(grid.cos_theta, energy)
+        average = np.minimum(exact, 1 - _SMALLEST)
+        returned, divisor = (1 - np.interp(axes[0], grid.nodes, row) for row in (exact, average))
+        added = (1 - _looked_up(grid.nodes, grid.cos_theta, energy, *axes)) * (returned / divisor)[:, None]
         return Compensation(
-            energy, average, float(np.max(missed - bars)), float(np.max(loss)), (len(axes[0]), len(axes[1])),
+            energy, average, float(np.max(missed - bars)), float(np.max(1 - values - added)), (len(axes[0]), len(axes[1])),
             _compensated(table, energy, average),
         )  # fmt: skip
 
@@ -125,7 +128,7 @@ def _compensated(table: RendererTable, energy: np.ndarray, average: np.ndarray) 
         def brdf(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Any:
             missing = [1 - jnp.interp(w[..., 2], mu, row) for w in (jnp.asarray(wi), jnp.asarray(wo))]
             above = (wi[..., 2] > 0) & (wo[..., 2] > 0)
-            more = jnp.where(above, missing[0] * missing[1] / (jnp.pi * jnp.maximum(1 - mean, _SMALLEST)), 0)
+            more = jnp.where(above, missing[0] * missing[1] / (jnp.pi * (1 - mean)), 0)
             value = base(wi, wo)
             return value + (more[..., None] if jnp.ndim(value) > jnp.ndim(more) else more)
 

@@ -93,9 +93,7 @@ def updated(gate: Gate, known: Mapping[int, Known | None]) -> str:
     import tomllib
 
     text, own = read_text(gate.path)
-    name = r"\.".join((*gate.prefix, "subjects"))
-    head = re.compile(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\][^\n]*$", re.M)
-    starts = [match.end() for match in head.finditer(text)]
+    starts = gate.heads(text)
     wanted = tomllib.loads(text)
     subjects: Any = wanted
     for key in (*gate.prefix, "subjects"):

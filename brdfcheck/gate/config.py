@@ -17,24 +17,42 @@ that is heavy.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Strict, StringConstraints, Tag, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Strict,
+    StringConstraints,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import ReadingTable, beside
 from brdfcheck.brdf.values import Range, Values, components
-from brdfcheck.documents import Model, read_document, shown, validated
+from brdfcheck.documents import Model, read_document, read_text, shown, validated
 from brdfcheck.gate.requests import Request
 from brdfcheck.messages import UsageError
 
 OWN, SHARED = "brdfcheck.toml", "pyproject.toml"
 """Where the subjects of a project are looked for, in this order."""
 
-_Bounds = Annotated[tuple[float, float], Strict(False)]
+
+def _rising(bounds: Range) -> Range:
+    if bounds[0] > bounds[1]:
+        raise ValueError("LO must not exceed HI")
+    return bounds
+
+
+_Bounds = Annotated[tuple[float, float], Strict(False), AfterValidator(_rising)]
 _Numbers = Annotated[list[float], Strict(False)]
 _Tolerance = Annotated[float, Field(ge=0, le=0.5)]
 _Rtol = Annotated[float, Field(ge=1e-16, le=0.5)]
@@ -120,18 +138,10 @@ class Options(Model):
     reading: ReadingTable = ReadingTable()
     expect: _Expected = "conserves"
 
-    @field_validator("over")
-    @classmethod
-    def _ordered(cls, over: dict[str, Any]) -> dict[str, Any]:
-        for name, bounds in over.items():
-            if isinstance(bounds, tuple) and bounds[0] > bounds[1]:
-                raise ValueError(f"{name}: LO must not exceed HI")
-        return over
-
     @field_validator("cos_theta")
     @classmethod
     def _cosines(cls, bounds: Range | None) -> Range | None:
-        if bounds is not None and not 0 <= bounds[0] <= bounds[1] <= 1:
+        if bounds is not None and not (bounds[0] >= 0 and bounds[1] <= 1):
             raise ValueError("must run within 0 and 1")
         return bounds
 
@@ -182,8 +192,12 @@ class Gate:
     def requests(self, **given: Any) -> list[Request]:
         """What is to be checked, in the order of the file; `given`: tolerance, rtol, effort, which go before the file's."""
         folder = self.path.parent
+        text, _ = read_text(self.path)
+        lines = [text.count("\n", 0, start) + 1 for start in self.heads(text)]
+        if len(lines) != len(self.document.subjects):  # written in another way: in one list, say
+            lines = [1] * len(self.document.subjects)
         found = []
-        for index, subject in enumerate(self.document.subjects):
+        for index, (subject, line) in enumerate(zip(self.document.subjects, lines, strict=True)):
             label = f"{self.path.name}: subjects[{index}]"
             options: dict[str, Any] = {}
             for key in ("tolerance", "rtol", "effort"):
@@ -202,9 +216,15 @@ class Gate:
                     expect=expect,
                     index=index,
                     label=label,
+                    place=(os.path.relpath(self.path), line),
                 )
             )
         return found
+
+    def heads(self, text: str) -> list[int]:
+        """Where the ``[[subjects]]`` end in the text of the file."""
+        name = r"\.".join((*self.prefix, "subjects"))
+        return [match.end() for match in re.finditer(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\][^\n]*$", text, re.M)]
 
 
 def _near(folder: Path) -> Path:

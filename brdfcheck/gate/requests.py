@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import shlex
 import time
 from collections.abc import Callable, Mapping
@@ -33,7 +34,7 @@ class Request:
 
     `names`, `over`, `cos_theta`, `reading`: as for `brdfcheck.brdf.subject.resolve`; `tolerance`: None for that of each family;
     `expect`: the violation that is accepted, None for none; `index`: which one of the project's subjects it is, `label`: how
-    messages call it.
+    messages call it, `place`: the file and line that list it.
     """
 
     names: tuple[str, ...]
@@ -46,6 +47,7 @@ class Request:
     expect: Known | None = None
     index: int | None = None
     label: str = ""
+    place: tuple[str | None, int | None] = (None, None)
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -98,6 +100,12 @@ class Case:
     entry: str | None
     target: Target | None = None
     report: Report | None = None
+
+    @property
+    def place(self) -> tuple[str | None, int | None]:
+        """The file and line at which to show what is wrong: the BRDF's, or where it is in no file, those that list it."""
+        known = self.file is not None and os.path.isfile(self.file)
+        return (self.file, self.line) if known else self.request.place
 
     @property
     def tolerance(self) -> float:

@@ -44,7 +44,11 @@ class Failure(AssertionError):
             return self._trouble
         lines: list[str] = []
         for index, (report, family) in enumerate(self._reports):
-            lines.append(f"{report.name}: {report.verdict.name} ({report.verdict.value})")
+            # What conserves energy has failed by its findings, which the first line must say: it is all that summaries show.
+            found = (
+                f"{words.plural(len(report.findings), 'finding', 'findings')}; " if report.verdict.name == "CONSERVES" else ""
+            )
+            lines.append(f"{report.name}: {found}{report.verdict.name} ({words.reason_text(report)})")
             place = words.place_text(report)
             lines.append(f"  largest albedo  {words.albedo_text(report)}{f' at {place}' if place else ''}")
             if interval := words.interval_text(report):

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck import __version__
+from brdfcheck.folders import repository
 from brdfcheck.interruption import Cleanup
 
 if TYPE_CHECKING:
@@ -250,10 +251,13 @@ def badge(counts: Mapping[str, int]) -> dict[str, Any]:
 
 
 def github_error(title: str, message: str, *, file: str | None = None, line: int | None = None, kind: str = "error") -> str:
-    """The line that makes GitHub annotate a run; with `file` and `line`, at that place. `kind`: or "warning", "notice"."""
+    """The line that makes GitHub annotate a run; with `file` and `line`, at that place. `kind`: or "warning", "notice".
+
+    GitHub takes files as seen from the root of the repository.
+    """
     properties: dict[str, str] = {}
     if file is not None:
-        properties["file"] = file
+        properties["file"] = os.path.relpath(os.path.realpath(file), os.path.realpath(repository()))
         if line is not None:
             properties["line"] = str(line)
     properties["title"] = title

@@ -34,7 +34,7 @@ _QUANTITIES = {
     "scale": "scale of the split sum: with Schlick's Fresnel term the albedo is F0 scale + bias",
     "bias": "bias of the split sum",
     "compensation.E": "E raised so that the compensation of Kulla and Conty conserves with linear look-ups",
-    "compensation.average": "average of compensation.E as it is looked up",
+    "compensation.average": "average of compensation.E as it is looked up, at most 1 - 1e-6: 1 less it is a divisor",
 }
 # DXGI_FORMAT_R32G32_FLOAT, D3D10_RESOURCE_DIMENSION_TEXTURE2D, and the flags of a texture with a pitch.
 _R32G32_FLOAT, _TEXTURE2D, _FLAGS, _FOURCC, _TEXTURE = 16, 3, 0x100F, 0x4, 0x1000

@@ -2,7 +2,7 @@
 
 A result for each thing that is wrong with a BRDF; what passes has none. A rule's id never changes its meaning, and a result's
 fingerprint depends on the rule, the BRDF and its ranges alone, so that a finding stays the same one when lines move or an
-albedo changes in its last digits.
+albedo changes in its last digits; of results that would have the same one, the second and later are counted.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from brdfcheck import __version__
+from brdfcheck.folders import repository
 from brdfcheck.messages import one_line
 from brdfcheck.output import records
 from brdfcheck.verdict import words
@@ -29,6 +30,7 @@ Place = tuple[str | None, int | None]
 """The file in which a BRDF is defined and the line; None where that is not known."""
 
 _ROOT = "%SRCROOT%"
+_FINGERPRINT = "brdfcheck/v1"
 # Rule id: (its name, its level, what is wrong, what to do). That of a check is "check/" and the check's name.
 _RULES: dict[str, tuple[str, str, str, str]] = {
     "energy/violates": (
@@ -42,8 +44,7 @@ _RULES: dict[str, tuple[str, str, str, str]] = {
         "EnergyUndecided",
         "warning",
         "Whether the BRDF conserves energy could not be decided.",
-        "The error bar of the largest albedo contains 1, or the search did not settle. Allow more effort (--effort thorough),"
-        " narrow the ranges, or allow a tolerance.",
+        "The message says why. Allow more effort (--effort thorough), narrow the ranges, or allow a tolerance.",
     ),
     "brdf/not-evaluated": (
         "NotEvaluated",
@@ -91,7 +92,7 @@ def defects(report: Report) -> Iterator[tuple[str, str]]:
     if report.verdict.name == "VIOLATES":
         yield "energy/violates", _energy(report)
     elif report.verdict.name == "UNDECIDED" and report.basis != "none":
-        yield "energy/undecided", _energy(report)
+        yield "energy/undecided", f"{words.reason_text(report)}: {_energy(report)}"
     for finding in report.findings:
         usual = "brdf/not-evaluated" if report.basis == "none" else "brdf/finding"
         yield failed.get(finding, usual), one_line(finding)
@@ -110,14 +111,20 @@ def _energy(report: Report) -> str:
 def to_sarif(reports: Sequence[Report], places: Sequence[Place], *, exit_code: int = 0, folder: str | None = None) -> str:
     """The SARIF log of these reports, each with the `places` where its BRDF is defined.
 
-    Files within `folder` (by default the working directory) are named relative to it, as code hosts need it.
+    Files within `folder` (by default the repository) are named relative to it, as code hosts need it.
     """
-    root = os.path.realpath(folder or os.getcwd())
+    root = os.path.realpath(folder or repository())
     results = [
         _result(rule, message, report, place, root)
         for report, place in zip(reports, places, strict=True)
         for rule, message in defects(report)
     ]
+    seen: dict[str, int] = {}
+    for result in results:
+        key = result["partialFingerprints"][_FINGERPRINT]
+        seen[key] = seen.get(key, 0) + 1
+        # The second name is the only one that GitHub looks at: without it all results of a line are one to it.
+        result["partialFingerprints"] = dict.fromkeys((_FINGERPRINT, "primaryLocationLineHash"), f"{key}:{seen[key]}")
     ids = list(_RULES)
     ids += [rule for rule in dict.fromkeys(result["ruleId"] for result in results) if rule not in _RULES]
     for result in results:
@@ -133,7 +140,7 @@ def to_sarif(reports: Sequence[Report], places: Sequence[Place], *, exit_code: i
         "tool": {"driver": driver},
         "automationDetails": {"id": "brdfcheck/check/"},
         "columnKind": "unicodeCodePoints",
-        "originalUriBaseIds": {_ROOT: {"description": {"text": "the folder in which brdfcheck was started"}}},
+        "originalUriBaseIds": {_ROOT: {"description": {"text": "the root of the repository"}}},
         "invocations": [{"executionSuccessful": True, "exitCode": int(exit_code)}],
         "results": results,
     }
@@ -170,7 +177,7 @@ def _result(rule: str, message: str, report: Report, place: Place, root: str) ->
         "level": level,
         "message": {"text": f"{report.name}: {message}"},
         "locations": [location],
-        "partialFingerprints": {"brdfcheck/v1": hashlib.sha256(key.encode("utf-8", "replace")).hexdigest()},
+        "partialFingerprints": {_FINGERPRINT: hashlib.sha256(key.encode("utf-8", "replace")).hexdigest()},
         "properties": _numbers(report),
         **known,
     }

@@ -160,10 +160,14 @@ def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence
     if average is not None:
         words = f"Average albedo 2 int E(mu) mu dmu, off by at most {average.max_error:.2g} on {average.checked} points."
         function(words, _average_function(language, average, f"{prefix}_average", parameter))
+        # Fitted values are above 1 where nothing is lost: what they add would be negative, or without bound.
+        most = {"albedo_i": 1.0, "albedo_o": 1.0, "average": 1 - average.max_error}
+        clamped = "".join(f"    {one} = {language.clamp(one, number(0.0), number(high))};\n" for one, high in most.items())
         function(
             "Multiple scattering (Kulla and Conty 2017) in 1/sr: add it to the BRDF, from the albedos of both directions and"
-            " the average. For F < 1 multiply it by Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea the average.",
-            f"{language.function} {prefix}_compensation({real} albedo_i, {real} albedo_o, {real} average) {{\n"
+            " the average, which count as 1 where they are above it by the errors of their functions. For F < 1 multiply it by"
+            " Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea the average.",
+            f"{language.function} {prefix}_compensation({real} albedo_i, {real} albedo_o, {real} average) {{\n{clamped}"
             f"    return (1.0 - albedo_i) * (1.0 - albedo_o) / ({number(math.pi)} * (1.0 - average));\n}}\n",
         )
     if share is not None:

@@ -19,7 +19,7 @@ class Verdict(enum.Enum):
 
     CONSERVES = "the albedo stays at or below 1"
     VIOLATES = "the albedo exceeds 1 by more than its own error"
-    UNDECIDED = "the error bar contains 1, or the search did not settle: ask for more accuracy or effort"
+    UNDECIDED = "the error bar contains 1: ask for more accuracy or allow a tolerance"
 
 
 @dataclass(frozen=True)

@@ -241,6 +241,8 @@ class Scan:
         places = self.points.places if places is None else places
         found: dict[str, float] = {}
         for axis, name in enumerate(box.names):
+            if axis < len(box.swept) and name in box.switches:  # between its two values there is nothing to miss
+                continue
             values = np.unique(np.concatenate([[0.0, 1.0], places[:, axis]]))
             gap = float(np.max(np.diff(values)))
             if axis == self.surface.angle:

@@ -101,7 +101,7 @@ def plural(count: int, singular: str, many: str) -> str:
 
 
 def message(report: Report) -> str:
-    """In one line what was found out, for annotations and test reports."""
+    """In one line what was found out, for annotations and test reports; what is wrong comes first."""
     text = f"{report.verdict.name}: albedo {albedo_text(report)}"
     if place_text(report):
         text += f" at {place_text(report)}"
@@ -109,7 +109,23 @@ def message(report: Report) -> str:
     if interval:
         text += f"; exceeds 1 for {interval}"
     text += f" (tolerance {exact(report.tolerance)})"
-    return "; ".join((text, *map(one_line, report.findings)))
+    parts = (text, *map(one_line, report.findings))
+    return "; ".join(parts if report.verdict.name != "CONSERVES" else (*parts[1:], text))
+
+
+def reason_text(report: Report) -> str:
+    """Why the verdict is what it is."""
+    if report.verdict.name != "UNDECIDED":
+        return report.verdict.value
+    if report.basis == "none":
+        return "the BRDF could not be evaluated"
+    if math.isnan(report.albedo):
+        return "the albedo is not a number"
+    if not report.settled:
+        return "the search did not settle: narrow the ranges, or give it more effort"
+    if report.albedo + report.error < 0:
+        return "the albedo is negative throughout"
+    return report.verdict.value
 
 
 def basis_text(report: Report) -> str:

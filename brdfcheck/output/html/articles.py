@@ -76,7 +76,7 @@ def _lead(report: Report) -> str:
 
 def _facts(report: Report) -> dict[str, str]:
     facts = {
-        "Verdict": f"{report.verdict.name}: {report.verdict.value}",
+        "Verdict": f"{report.verdict.name}: {words.reason_text(report)}",
         "It rests on": words.basis_text(report),
         "Over": words.ranges_text(report.ranges) or "no parameters",
         "Tolerance": words.exact(report.tolerance),
