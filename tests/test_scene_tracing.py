@@ -235,7 +235,9 @@ def test_a_rough_boundary_under_a_light_on_either_side(form):
         expected = 2 * abs(light[2]) * float(lobe(light, view))
         assert expected > 1e-3
         np.testing.assert_allclose(found, expected, rtol=1e-6)
-        white = shade(of(lobe), [Environment(1.0)], np.zeros(3), tuple(map(jnp.asarray, normal)), tuple(view), below)
+        if form != "lobe":
+            continue
+        white = shade(material, [Environment(1.0)], np.zeros(3), tuple(map(jnp.asarray, normal)), tuple(view), below)
         np.testing.assert_allclose(white, float(albedo(lobe.lit(float(side < 0)), 0.96).value), atol=1e-4)
 
 
