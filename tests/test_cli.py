@@ -410,6 +410,7 @@ def test_what_an_answer_rests_on_in_words(reports: list) -> None:
         "search, 12.3k points, 1 climb, not settled, could miss 0.1 % of n, 0.25 deg of the angle, 1.5 deg of the azimuth"
         " or 2 % of all at once"
     )
+    assert words.basis_text(replace(report, width={"n": 1e-3, "cell": 1.0})).endswith(" or 100 % of all at once")
     proof = replace(report, basis="proof", settled=False, width=width)  # which nothing can slip through
     assert words.basis_text(proof) == "proof: at most 1 in exact arithmetic (brdfcheck certify), 12.3k points for the largest"
     assert words.basis_text(replace(report, basis="none")) == "nothing could be evaluated"
