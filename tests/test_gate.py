@@ -215,32 +215,53 @@ def known(**given: Any) -> Known:
     return Known(**given, reason="so it is")
 
 
+def alone(report: Any, expected: Known | None) -> Any:
+    (found,) = judged([report], expected)
+    return found
+
+
+def test_what_is_known_need_be_found_in_one_report_of_a_subject_only(reports: dict[str, Any]) -> None:
+    bright, matt, one_way = (reports[name] for name in ("bright", "matt", "one_way"))
+    found = judged([matt, bright, matt], known(violates=1.05))
+    assert [(report.passed, report.stale, report.known) for report in found] == [
+        (True, False, None), (True, False, "so it is"), (True, False, None),
+    ]  # fmt: skip
+    less = judged([matt, bright, matt], known(violates=1.06))
+    assert [report.stale for report in less] == [False, True, False], "told once, of the largest"
+    assert "smaller: its largest albedo is 1.05 (known: 1.06)" in less[1].notes[-1]
+    gone = judged([matt, matt], known(violates=1.05, findings=["reciprocal"]))
+    assert [report.stale for report in gone] == [True, False]
+    assert "no finding 'reciprocal'" in gone[0].notes[-1]
+    both = judged([one_way, matt], known(violates=100.0, findings=["reciprocal"]))
+    assert "reciprocal" not in both[0].notes[-1]
+
+
 def test_a_known_violation_passes_until_it_is_worse_or_gone(reports: dict[str, Any]) -> None:
     bright, matt = reports["bright"], reports["matt"]
-    assert not judged(bright, None).passed
-    same = judged(bright, known(violates=1.05))
+    assert not alone(bright, None).passed
+    same = alone(bright, known(violates=1.05))
     assert same.passed
     assert (same.known, same.stale) == ("so it is", False)
-    worse = judged(bright, known(violates=1.04))
+    worse = alone(bright, known(violates=1.04))
     assert not worse.passed
     assert "does not cover an albedo of 1.05 (known: 1.04)" in worse.notes[-1]
-    less = judged(bright, known(violates=1.06))
+    less = alone(bright, known(violates=1.06))
     assert less.passed
     assert less.stale
     assert "smaller: its largest albedo is 1.05 (known: 1.06)" in less.notes[-1]
-    gone = judged(matt, known(violates=1.05))
+    gone = alone(matt, known(violates=1.05))
     assert gone.passed
     assert (gone.known, gone.stale) == (None, True)
     assert "the known violation is gone: it conserves energy" in gone.notes[-1]
-    assert not judged(replace(bright, basis="none"), known(violates=2.0)).passed
+    assert not alone(replace(bright, basis="none"), known(violates=2.0)).passed
 
 
 def test_known_findings_are_known_by_their_names(reports: dict[str, Any]) -> None:
     report = reports["one_way"]
     assert [check.name for check in report.checks if not check.passed] == ["reciprocal"]
-    assert not judged(report, known(violates=100.0)).passed
-    assert judged(report, known(violates=100.0, findings=["reciprocal"])).passed
-    extra = judged(report, known(violates=100.0, findings=["reciprocal", "positive"]))
+    assert not alone(report, known(violates=100.0)).passed
+    assert alone(report, known(violates=100.0, findings=["reciprocal"])).passed
+    extra = alone(report, known(violates=100.0, findings=["reciprocal", "positive"]))
     assert extra.passed
     assert "no finding 'positive'" in extra.notes[-1]
 
@@ -351,7 +372,7 @@ def test_what_is_needed_holds_every_report_of_a_subject(reports: dict[str, Any])
     assert needed([reports["matt"]], found) is None
     assert needed([reports["bright"]], known(violates=3)).reason == "so it is"  # pyright: ignore[reportOptionalMemberAccess]
     for report in reports.values():
-        assert judged(report, found).passed
+        assert alone(report, found).passed
 
 
 # --- init ---
