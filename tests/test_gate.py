@@ -398,6 +398,10 @@ LOOKS = """
 def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here: Path) -> None:
     write("looks.py", LOOKS)
     write("mine.py", "raise SystemExit('was run')\ndef f(wi, wo):\n    return 0.25 + 0 * wi[..., 2]\n")
+    write(
+        "é.py",
+        "def turned(theta_i, phi_i, theta_o, phi_o): return 0.1\ndef f(V, L, N, X, Y, m): return 0\ndef g(l, N): return 0\n",
+    )
     write("sub/half.glsl", "uniform float k = 0.5; vec3 half_(vec3 L, vec3 V) { return vec3(k / 3.1415926); }\n")
     write("sub/helper.glsl", "float h(float x) { return x; }\n")
     write(".venv/lib/bad.py", "def f(wi, wo): return 0\n")
@@ -407,14 +411,17 @@ def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here:
     code, shown, err = run("init", "--dry-run")
     assert code == ExitCode.PASSED
     assert not (here / "brdfcheck.toml").exists()
-    assert "would write brdfcheck.toml: 5 BRDFs, 2 of them commented out until you give their ranges" in err
+    assert "would write brdfcheck.toml: 7 BRDFs, 2 of them commented out until you give their ranges" in err
     assert run("init")[0] == ExitCode.PASSED
     text = (here / "brdfcheck.toml").read_text()
     assert text == shown
     assert "bad" not in text
     assert "# Left out: sub/helper.glsl: " in text
     found = tomllib.loads(text)
-    assert [subject["target"] for subject in found["subjects"]] == ["looks.py:plain", "mine.py:f", "sub/half.glsl:half_"]
+    assert [subject["target"] for subject in found["subjects"]] == [
+        "looks.py:plain", "mine.py:f", "é.py:turned", "é.py:f", "sub/half.glsl:half_",
+    ]  # fmt: skip
+    assert 'target = "é.py:f"\nover = { m = [' in text, "what goes with the directions is no parameter"
     assert found["subjects"][0]["over"] == {"n": [1, 1000]}
     code, _, err = run("init")
     assert code == ExitCode.USAGE_ERROR
