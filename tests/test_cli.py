@@ -219,7 +219,7 @@ def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch
     number = Path(mine).read_text().splitlines().index("def raises(wi, wo):") + 1
     escaped = mine.replace(":", "%3A").replace(",", "%2C")
     assert line.startswith(
-        f"::error file={escaped},line={number},title=brdfcheck%3A {escaped}%3Araises::UNDECIDED: albedo unknown"
+        f"::error file=mine.py,line={number},title=brdfcheck%3A {escaped}%3Araises::UNDECIDED: albedo unknown"
     )
     assert "raised RuntimeError: boom" in line
 
