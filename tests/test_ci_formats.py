@@ -148,6 +148,8 @@ def test_a_fingerprint_is_of_the_defect_and_not_of_its_numbers(tmp_path: Path) -
 
 def test_what_is_known_and_accepted_is_suppressed() -> None:
     found = results([dataclasses.replace(BAD, known="a reason"), OPEN], [(None, None)] * 2)
+    assert [result["level"] for result in found] == ["note"] * 3 + ["warning"], "GitHub reads levels, and no suppressions"
+    assert found[0]["message"]["text"].endswith(" (accepted: a reason)")
     assert [result.get("suppressions") for result in found] == [[{"kind": "external", "justification": "a reason"}]] * 3 + [
         None
     ]
