@@ -233,7 +233,15 @@ def test_functions_of_angles_are_families():
             as_target(function)
 
 
-def test_the_order_of_directions_and_methods():
+@pytest.mark.parametrize(
+    "names", ["cos_i, cos_o", "NdotL, NdotV", "mu_i, mu_o", "theta, phi", "cosThetaIn, cosThetaOut", "nl, nv"]
+)
+def test_angles_and_cosines_are_not_taken_for_directions(names):
+    with pytest.raises(UsageError, match=r"write f\(wi, wo\), with wi\[\.\.\., 2\] a cosine"):
+        as_target(eval(f"lambda {names}: 0.3"))  # both would be arrays of three numbers: their product is a colour
+
+
+def test_the_place_of_directions_and_methods():
     def backwards(view, light):
         return light[..., 2]
 
@@ -248,7 +256,11 @@ def test_the_order_of_directions_and_methods():
         def f(self, wi, wo):
             return wi[2] if wo[2] > 0 else 0.0
 
+    def later(k, L, V, *, gain=1.0):
+        return k * L[..., 2] * V[..., 0] * gain
+
     np.testing.assert_array_equal(directional(backwards)(WI, WO), WI[:, 2])
+    np.testing.assert_array_equal(as_target(later, {"k": (0.0, 1.0)}).family.build(k=0.5)(WI, WO), 0.5 * WI[:, 2] * WO[:, 0])
     np.testing.assert_array_equal(as_target(Material(0.5)).family.build()(WI, WO), 0.5 * WI[:, 2])
     made = Evaluator(as_target(Material, {"k": (0.0, 1.0)}).family.build, {"k": 0.5})
     np.testing.assert_allclose(made.bind({"k": 0.25})(WI, WO), 0.25 * WI[:, 2])

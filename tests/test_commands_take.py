@@ -115,6 +115,20 @@ def test_a_furnace_shows_what_is_reflected(files: Path) -> None:
         presets.render_brdf("cube", brdf, name)
 
 
+def test_a_furnace_calls_a_function_of_numpy_for_many_pixels_at_once() -> None:
+    sizes = []
+
+    def matt(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        sizes.append(len(wi))
+        return np.where(np.asarray(wi)[..., 2] > 0, 0.25, 0.0)
+
+    brdf = brdf_of(matt, {})
+    sizes.clear()
+    excess, _ = furnace_excess(brdf, {}, 48)
+    assert excess[24, 24] == pytest.approx(np.pi / 4 - 1, abs=1e-4)
+    assert np.mean(sizes) > 4 * 8192  # the directions of one pixel
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -232,6 +246,19 @@ def test_a_switch_has_a_curve_at_its_ends_and_none_between(run: Run, files: Path
     code, out, err = run("plot", "albedo-vs-angle", "a.brdf", "--cos-theta", "1", "--samples", "3", "-o", "a.svg")
     assert code == ExitCode.PASSED, err
     assert [line.split()[1] for line in out.splitlines()[:-1]] == ["half=0", "half=1"]
+
+
+def test_both_sides_of_what_transmits_are_plotted_and_a_table_says_which_it_holds(run: Run, files: Path) -> None:
+    for kind in ("albedo-vs-n", "heatmap"):
+        code, out, err = run("plot", kind, "thin-sheet", "--over", "index=1.5", "--samples", "3", "-o", "a.svg")
+        assert code == ExitCode.PASSED, err
+        assert [line.split("  ")[0] for line in out.splitlines()[:-1]] == ["thin-sheet below=0", "thin-sheet below=1"]
+    code, _, err = run("plot", "albedo-vs-n", "thin-sheet", "-o", "b.svg")
+    assert (code, "index, clear run over ranges; hold all but one, as in --over clear=VALUE" in err) == (4, True)
+    code, out, _ = run("table", "thin-sheet", "--over", "clear=0.2:0.8", "--over", "index=1.5", "--size", "2x2", "-o", "t.csv")
+    assert (code, "note         below is held at 0" in out) == (ExitCode.PASSED, True)
+    (files / "config.toml").write_text('brdf = "thin-sheet"\n[axes]\nindex = 1.5\nclear = 0.5\ncos_theta = 1\n')
+    assert "needs an axis below, as in below = [0, 1] or below = 1" in run("sweep", "config.toml", "--dry-run")[2]
 
 
 @pytest.mark.slow

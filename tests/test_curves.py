@@ -106,7 +106,7 @@ def test_curves_are_strict_json(kind):
 
 
 def test_what_cannot_be_a_curve():
-    with pytest.raises(ValueError, match="n, k all run over ranges; hold all but one"):
+    with pytest.raises(ValueError, match="n, k run over ranges; hold all but one"):
         curves.albedo_vs_n(lambda n, k: Phong(n), n=(1, 2), k=(1, 2))
     with pytest.raises(ValueError, match="no parameter to run over"):
         curves.albedo_vs_n(Phong(2.0))

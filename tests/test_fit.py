@@ -258,11 +258,20 @@ def test_certify_enlarges_b_by_the_peak():
     assert float(kept.B) == 30
 
 
+def test_what_has_no_exponent_gets_one_constant():
+    fit = fit_factor(brdfcheck.load(lambda wi, wo, k: k * wi[..., 2] * wo[..., 2], k=(0.75, 0.75)))
+    assert float(fit.factor.B) == pytest.approx(0.75 * 2 * np.pi / 3, rel=1e-8)
+    assert fit.report.passed
+    assert fit.report.parameters["k"] == 0.75
+    assert "a factor that grows" not in fit.remark
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("lambert",), "lambert has no exponent n to normalise over; it has reflectance"),
         (("cook-torrance",), "has no exponent n"),
+        (("rough-dielectric-ggx",), "rough-dielectric-ggx transmits, and a factor is for what reflects"),
         (("phong", (10, 1)), "the range of n is empty: 10 > 1"),
         (("phong", (-1, 1)), "got -1:1"),
         (("phong", (1, np.inf)), "got 1:inf"),

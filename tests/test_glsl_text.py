@@ -136,3 +136,38 @@ def test_what_slang_has_besides(tmp_path: Path) -> None:
     ):
         with pytest.raises(UsageError, match=re.escape(message)):
             family(tmp_path, SLANG.replace(old, new), "wrong.slang")
+
+
+SPACES = """
+namespace util { float square(float x) { return x * x; } namespace deep { float cube(float x) { return x * square(x); } } }
+using namespace util;
+namespace models::matt
+{
+    static const float K = util::deep::cube(2.0);
+    class Half { float eval(float3 L, float3 V) { return K; } };
+}
+float f(float3 L, float3 V)
+{
+    models::matt::Half half_of;
+    return half_of.eval(L, V) + (L.x > 0 ? util::square(3.0) : util::deep::cube(5.0));
+}
+"""
+
+
+def test_namespaces_are_read_as_one(tmp_path: Path) -> None:
+    for name in ("shader.slang", "shader.hlsl"):
+        assert np.asarray(family(tmp_path, SPACES, name).build()(LIGHT, VIEW))[0] == 17
+    f = "\nfloat f(float3 L, float3 V) { return a::g(1); }"
+    for text, message in (
+        (
+            "namespace a { float g(int x) { return 1; } } float g(float x) { return 2; }" + f,
+            "1:52: error: 'g' is in two namespaces",
+        ),
+        ("namespace a { float g(int x) { return 1; }" + f, "expected '}' before the end of the file"),
+        ("struct A<T> { T k; };" + f, "1:9: error: generics are not read: write the struct"),
+        ("T g<T>(T x) { return x; }" + f, "1:1: error: generics are not read"),
+        ("enum A { B };" + f, "1:1: error: enums are not read"),
+        ("struct A { };" + f, "1:8: error: the struct 'A' has no fields"),
+    ):
+        with pytest.raises(UsageError, match=re.escape(message)):
+            family(tmp_path, text, "wrong.slang")

@@ -135,6 +135,9 @@ KINDS = """
     def odd_pair(first, second):
         return function
 
+    def components(lx, ly, lz, vx, vy, vz):
+        return 0.3
+
     def no_parameters():
         return function
 
@@ -209,6 +212,7 @@ def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
     [
         ("factory", {}, "the parameter n must be given a range: --over n=LO:HI"),
         ("Mine", {}, "the parameter gloss must be given"),
+        ("components", {}, "be given a range: .*; or write f\\(wi, wo, ...\\) where these are directions"),
         ("pair", {}, "the parameters roughness, tint must be given"),
         ("odd_pair", {}, "the parameters first, second must be given"),
         ("function_with_parameter", {}, "the parameter strength must be given"),

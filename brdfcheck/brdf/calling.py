@@ -40,6 +40,7 @@ _OF_ANGLES = {
 }
 _ROLES = {name: role for role, names in _OF_ANGLES.items() for name in names}
 _ANGLE = re.compile(r"(theta|phi|θ|φ)_?(\w+)")
+_NUMBER = re.compile(rf"(cos_?(theta|θ)?|mu|μ|theta|phi|θ|φ)_?(\d|{'|'.join(_ROLES)})?|[hlnv]_?dot_?[hlnv]|n[hlv]|[lv]h")
 ANGLES = "(theta_i, phi_i, theta_o, phi_o), (theta_h, theta_d, phi_d)"
 """Signatures in angles, for messages: any two or more of these names, and of phi_h, are recognised."""
 
@@ -62,6 +63,11 @@ def angle_of(name: str) -> str | None:
     return f"{'theta' if found[1] in ('theta', 'θ') else 'phi'}_{_ROLES[found[2]]}"
 
 
+def is_number(name: str) -> bool:
+    """True for the names of angles and cosines, which no direction has: ``theta``, ``cos_i``, ``NdotL``."""
+    return _NUMBER.fullmatch(name.lower()) is not None
+
+
 def is_normal(name: str) -> bool:
     """True for one of `NORMALS`: an exponent is n."""
     return name in ("N", "Ng", "Ns") or name.lower() in ("normal", "nrm")
@@ -72,10 +78,10 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
 
     Objects that are not callable, but have a method `eval` or `f`, stand for that. Arguments called like `ANGLES` are angles in
     radians: theta from the normal, phi from the x axis, in (-pi, pi]; h the half vector, d the light relative to it
-    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) gets its directions in that order. Beside two
-    directions called so, an argument of `NORMALS` gets (0, 0, 1), but where its name is one of the `parameters`, and X and Y
-    beside that get the axes along the surface; the function that is returned then has the names of the normal as
-    `given_normal`, and `is_number`, true where it takes them for numbers.
+    (Rusinkiewicz 1998). phi_d alone, without theta_d, is nobody's name. f(wo, wi) and f(alpha, wi, wo) get their directions
+    where they are named. Beside two directions called so, an argument of `NORMALS` gets (0, 0, 1), but where its name is one of
+    the `parameters`, and X and Y beside that get the axes along the surface; the function that is returned then has the names
+    of the normal as `given_normal`, and `is_number`, true where it takes them for numbers.
     """
     if isinstance(value, (AbstractBRDF, AbstractBSDF, type)):
         return value
@@ -89,14 +95,15 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
     angles = _angles_of(given)
     if angles:
         return _of_angles(value, angles, signature)
-    directions, normals, tangents = ([given[name] for name in part] for part in _vectors_of(given, parameters))
-    roles = [DIRECTIONS[item.name.lower()] for item in directions]
-    if normals and directions:
-        i, o = (directions[roles.index(role)] for role in ("i", "o"))
-        return _with_normal(value, i, o, normals, tangents, signature)
-    if roles == ["o", "i"]:
-        return _renamed(value, lambda wi, wo, *more, **rest: value(wo, wi, *more, **rest), signature, directions)
-    return value
+    pair, normals, tangents = ([given[name] for name in part] for part in _vectors_of(given, parameters))
+    if not pair:
+        return value
+    light, viewer = pair
+    if normals:
+        return _with_normal(value, light, viewer, normals, tangents, signature)
+    if pair == list(given.values())[:2]:
+        return value
+    return _renamed(value, lambda wi, wo, **rest: value(**{light.name: wi, viewer.name: wo}, **rest), signature, pair)
 
 
 def geometry(names: Iterable[str]) -> set[str]:
@@ -114,15 +121,18 @@ def _angles_of(names: Iterable[str]) -> dict[str, str]:
 
 
 def _vectors_of(names: Iterable[str], parameters: Collection[str] = ()) -> tuple[list[str], list[str], list[str]]:
-    """The two directions (none where the first two names are not theirs), the normals, and the axes along the surface."""
+    """The directions to the light and to the viewer (none where no two names are theirs), the normals, and the axes along the
+    surface.
+    """
     names = list(names)
     free = [name for name in names if name not in parameters]
     normals = [name for name in free if is_normal(name)]
     # As BRDF Explorer has them: f(L, V, N, X, Y).
     tangents = next(([x, y] for x, y in _TANGENTS if normals and x in free and y in free), [])
     first = [name for name in names if name not in normals and name not in tangents][:2]
-    roles = sorted(str(DIRECTIONS.get(name.lower())) for name in first)
-    return first if roles == ["i", "o"] else [], normals, tangents
+    named = [name for name in free if name not in ("l", "v") and name.lower() in DIRECTIONS]
+    ways = ({DIRECTIONS.get(name.lower()): name for name in two} for two in (first, named) if len(two) == 2)
+    return next(([way["i"], way["o"]] for way in ways if way.keys() == {"i", "o"}), []), normals, tangents
 
 
 def _renamed(value: Any, brdf: Any, signature: inspect.Signature, gone: list[inspect.Parameter]) -> Any:

@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck.brdf.blame import told
-from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, NORMALS, directional, is_normal, over_cosine
+from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, NORMALS, directional, is_normal, is_number, over_cosine
 from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
@@ -217,7 +217,7 @@ def family_of(
     ranges = {name: interval(name, bounds) for name, bounds in ranges.items()}
     value = directional(value, ranges)
     signature = signature_of(value, ranges)
-    normals, is_number = getattr(value, "given_normal", ()), getattr(value, "is_number", None)
+    normals, of_numbers = getattr(value, "given_normal", ()), getattr(value, "is_number", None)
     # Of what transmits it is the side of the light, which no BSDF has as a parameter of its own.
     sides = None if BELOW in signature.names or signature.open else ranges.pop(BELOW, None)
     file = split_spec(spec)[0] if is_file_spec(spec) else None
@@ -246,23 +246,24 @@ def family_of(
     is_function = not inspect.isclass(value) and signature.open and not signature.names and not ranges
     if not is_function and not inspect.isclass(value) and len(missing) >= 2:
         named_so = all(name.lower() in DIRECTIONS for name in missing[:2])
-        if len(missing) == 2 and not set(missing) & _PARAMETERS:
+        if len(missing) == 2 and not set(missing) & _PARAMETERS and not any(map(is_number, missing)):
             middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
             is_function = named_so or not _returns_a_function(value, {**middle, **held})
         elif named_so:
             missing = missing[2:]
     if (
         is_function
-        and is_number is not None
-        and is_number(**{name: (low + high) / 2 for name, (low, high) in swept.items()}, **held)
+        and of_numbers is not None
+        and of_numbers(**{name: (low + high) / 2 for name, (low, high) in swept.items()}, **held)
     ):
         is_function, missing = False, list(normals)
     if not is_function and missing:
         plural = "parameters" if len(missing) > 1 else "parameter"
         example = " ".join(f"--over {name}=LO:HI" for name in missing)
         python = ", ".join(f"{name}=(LO, HI)" for name in missing)
-        angles = any(name.lower().startswith(("theta", "phi")) for name in missing)
-        advice = f"; the angles of a BRDF are known by their names: {ANGLES}; or write f(wi, wo)" if angles else ""
+        advice = "; or write f(wi, wo, ...) where these are directions" if len(missing) > 2 else ""
+        if any(map(is_number, missing)):
+            advice = f"; the angles of a BRDF are known by their names: {ANGLES}; or write f(wi, wo), with wi[..., 2] a cosine"
         if any(is_normal(name) for name in missing) or (missing == ["n"] and "wi" in signature.names):
             advice = f"; the normal is known by its name, {NORMALS}, beside two directions, f(wi, wo, N)"
         raise NoRange(

@@ -89,7 +89,7 @@ def _fit(
     """The factor (n+A)/B that normalises a lobe, and the verdict on it.
 
     A factor that the lobe carries already is taken off first. The verdict holds over all exponents of the range and all
-    angles.
+    angles. What has no exponent gets one constant.
     """
     held = words.together(over)
     if "n" in held:
@@ -166,18 +166,12 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
 
 
 def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval], how: Reading) -> Target:
-    from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.readers.specs import TABLES, is_file_spec, suffix_of
-    from brdfcheck.brdf.subject import resolve
+    from brdfcheck.brdf.subject import named, resolve, signature_of
 
-    if not is_file_spec(name):
-        # A lobe without an exponent is told so, rather than that the option --over knows no n.
-        with contextlib.suppress(KeyError):
-            ranges = catalog.entry(name).family.ranges
-            if "n" not in ranges:
-                raise UsageError(f"{name} has no exponent n to normalise over; it has {', '.join(ranges) or 'no parameters'}")
-    table = is_file_spec(name) and suffix_of(name) in TABLES
-    (target,) = resolve([name], held if table else {"n": exponents, **held}, None, how)
+    modules: dict[str, Any] = {}
+    own = signature_of(named(name, modules, how)[0])
+    exponent = {"n": exponents} if own.open or "n" in own.names else {}
+    (target,) = resolve([name], {**exponent, **held}, None, how, modules)
     if target.finding is not None:
         raise UsageError(target.finding)
     return target

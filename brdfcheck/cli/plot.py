@@ -239,7 +239,10 @@ def _computed(
         families = _common_ranges([target.family for target in targets], settings, output)
         compute = curves.KINDS[settings.kind]
         jobs = {
-            name: [partial(_of_target, compute, family, target, samples=settings.samples)]
+            name: [
+                partial(_of_target, compute, part, target, which, samples=settings.samples)
+                for which, part in curves.switched(family).items()
+            ]
             for name, family, target in zip(names, families, targets, strict=True)
         }
     jobs |= {file: [partial(_of_fit, file, result, settings) for result in results] for file, results in fits.items()}
@@ -253,8 +256,9 @@ def _computed(
     return found
 
 
-def _of_target(compute: Callable[..., Curve], family: Any, target: Target, /, **options: Any) -> Curve:
+def _of_target(compute: Callable[..., Curve], family: Any, target: Target, which: str = "", /, **options: Any) -> Curve:
     curve = compute(family, **options)
+    curve |= {"label": f"{curve['name']} {which}"} if which else {}
     return {**curve, "held": {**target.family.held, **curve["held"]}, "origin": "user" if target.file else "catalog"}
 
 

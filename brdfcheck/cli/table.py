@@ -234,6 +234,7 @@ def _lines(settings: Mapping[str, Any], table: Any, added: Any, fits: Any, repor
         lines.append(f"  {name:<12} {value.min():.6f} to {value.max():.6f}, error bar at most {bar.max():.2g}")
     if table.why:
         lines.append(f"  no split sum: {table.why}")
+    lines += [f"  note         {note}" for note in grid.family.notes]
     if added is not None:
         lines.append(
             f"  compensation loses at most {added.loss:.2g} with linear look-ups"

@@ -128,11 +128,11 @@ def fit_factor(
     "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see `samples` exponents spaced as `sampling`
     says: geometric, linear, or every integer of the range.
 
-    A table, as measured files hold them, has no exponent: its factor is one constant, n/B at n = 1, whatever `n` and the
-    `objective` are.
+    What has no exponent, as a table or a family whose parameters are held, has one constant as its factor, n/B at n = 1,
+    whatever `n` and the `objective` are.
 
-    Raises ValueError for a bad range, objective or sampling, for a family without an exponent n, and where no factor of this
-    form conserves; KeyError for an unknown name.
+    Raises ValueError for a bad range, objective or sampling, for parameters other than n that run over ranges, for what
+    transmits, and where no factor of this form conserves; KeyError for an unknown name.
     """
     one_of(objective, OBJECTIVES, "objective")
     one_of(sampling, SAMPLINGS, "sampling")
@@ -140,7 +140,7 @@ def fit_factor(
         raise ValueError(f"samples must be a whole number, at least 2; got {samples!r}")
     with double_precision():
         raw = RawAlbedo(family, n)
-        if raw.tabulated:
+        if raw.constant:
             return _constant(raw, objective, tolerance)
         if objective == "minimax":
             return fit_form(raw, (1, 0), tolerance=tolerance)
@@ -151,14 +151,14 @@ def fit_factor(
 
 
 def _constant(raw: RawAlbedo, objective: Objective, tolerance: float) -> FactorFit:
-    """The largest constant with which a table conserves at every angle, whatever its samples leave open."""
-    report = check_family(raw.family, tolerance=tolerance)
-    assert report.doubt is not None
-    most = max(report.albedo + report.error, report.doubt.most)
+    """The largest constant with which a BRDF conserves at every angle, whatever the samples of a table leave open."""
+    tolerance = max(tolerance, raw.family.tolerance)
+    report = check_family(raw.family, tolerance=tolerance, intervals=False)
+    most = max(report.albedo + report.error, -math.inf if report.doubt is None else report.doubt.most)
     if not 0 < most < math.inf:
         raise ValueError(f"{raw.name}: the largest albedo must be finite and > 0 to be normalised; got {most:g}")
     factor = Factor(0.0, most)
-    history = [Step(factor, report.albedo / most, raw.lowest(factor)[0], "one constant: a table has no exponent")]
+    history = [Step(factor, report.albedo / most, raw.lowest(factor)[0], "one constant: there is no exponent")]
     return _result(raw, factor, check_family(raw.with_factor(factor), tolerance=tolerance), history, objective, "continuous")
 
 
@@ -366,6 +366,8 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any], best_of_its_form: bool) -> str:
             f"{text}: at {angle:.4g} degrees the lobe reflects {tilted / normal:.4g} times what it reflects at normal incidence"
             f" (n={at['n']:.5g}), and a factor of n alone cannot level angles"
         )
+    if raw.constant:
+        return text
     low, high = (float(value) for value in raw(np.array([raw.low, raw.high])))
     if high > low:
         return (

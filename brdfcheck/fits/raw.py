@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,8 +17,8 @@ from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.subject import as_family
-from brdfcheck.brdf.tables import table_in
 from brdfcheck.fits.minimax import extrema, spread
+from brdfcheck.messages import UsageError
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 # A range that is narrower than this part of its end is one exponent: what a slope would win is below the error bars.
@@ -25,20 +26,20 @@ _NARROW = 1e-9
 # Minima that are equal up to this part are one value, reached more than once.
 _TIE = 1e-12
 ONE = (1.0, 1.0)
-"""The exponents of a table, which has none: its factor is one constant, n/B at n = 1."""
+"""The exponents of a BRDF without any, as a table is: its factor is one constant, n/B at n = 1."""
 
 
 class RawAlbedo:
     """The albedo of a family of one exponent n without its factor, as a function of n, and the family with a factor on it.
 
-    ValueError where the family has no exponent n, or other parameters besides.
+    `constant`: there is no exponent. ValueError where other parameters run over ranges, and for what transmits.
     """
 
     def __init__(self, target: Any, n: tuple[float, float]):
         n = interval("n", n)
         if n[0] < 0:
             raise ValueError(f"the range of n must be >= 0; got {n[0]:g}:{n[1]:g}")
-        family = _one_exponent(target, n)
+        family, self.constant = _one_exponent(target, n)
         self.low, self.high = family.ranges["n"]
         self.name = family.name
         self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
@@ -53,11 +54,6 @@ class RawAlbedo:
     def single(self) -> bool:
         """True where the range is one exponent in all but name: within it no factor varies."""
         return self.high - self.low <= _NARROW * self.high
-
-    @property
-    def tabulated(self) -> bool:
-        """True for a table, which has no exponent."""
-        return self._albedo.table is not None
 
     @property
     def fast(self) -> bool:
@@ -96,21 +92,33 @@ class RawAlbedo:
         return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
 
 
-def _one_exponent(target: Any, n: tuple[float, float]) -> Family:
+def _one_exponent(target: Any, n: tuple[float, float]) -> tuple[Family, bool]:
+    """The family of the exponent alone; whether there is none."""
     name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
     known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
-    if known is not None and table_in(known.build() if not known.ranges else None) is not None:
-        return Family(known.name, lambda n: known.build(), {"n": ONE}, known.cos_theta)
+    if known is not None and known.surface is not None:
+        raise UsageError(f"{name} transmits, and a factor is for what reflects: it would dim what is let through, too")
     if known is not None and "n" not in known.ranges:
-        has = ", ".join(known.ranges) or "no parameters"
-        raise ValueError(f"{name} has no exponent n to normalise over; it has {has}")
+        if any(low != high for low, high in known.ranges.values()):
+            has = f"it has {', '.join(known.ranges)}: where they are held its factor is one constant"
+            raise UsageError(f"{name} has no exponent n to normalise over; {has}")
+        values = {key: low for key, (low, _) in known.ranges.items()}
+        build, pointwise = (way and _holding(way, values) for way in (known.build, known.pointwise))
+        held = {**known.held, **values}
+        return dataclasses.replace(
+            known, build=build, pointwise=pointwise, ranges={"n": ONE}, held=held, switches=frozenset()
+        ), True
     family = as_family(target, {"n": n}, None)
     held = {key: bounds for key, bounds in family.ranges.items() if key != "n"}
     for key, (low, high) in held.items():
         if low != high:
             raise ValueError(f"{name}: a factor is a function of n alone; hold {key} at one value, not {low:g}:{high:g}")
     values = {key: low for key, (low, _) in held.items()}
-    return Family(family.name, lambda n: family.build(n=n, **values), {"n": n}, family.cos_theta)
+    return Family(family.name, lambda n: family.build(n=n, **values), {"n": n}, family.cos_theta), False
+
+
+def _holding(build: Callable[..., Any], values: Mapping[str, float]) -> Callable[..., Any]:
+    return lambda n: build(**values)
 
 
 def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:

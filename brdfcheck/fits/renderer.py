@@ -208,6 +208,8 @@ def _over_one(
     """A family over one parameter, which it calls `inner`, all others held; `changed`: what is made of each BRDF."""
     others = {name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items() if name != inner}
     squared = inner != parameter
+    running = [name for name, (low, high) in family.ranges.items() if low < high]
+    silent = [f"{name} is held at {others[name]:g}" for name in running if name in others]
 
     def build(**own: Any) -> Any:
         (number,) = own.values()
@@ -219,6 +221,7 @@ def _over_one(
         build=with_options_of(family.build, build),
         ranges={parameter or ROW: bounds},
         held={**family.held, **others},
+        notes=(*family.notes, *silent),
         switches=frozenset(),
         pointwise=None,
     )

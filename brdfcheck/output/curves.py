@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ class _Effort:
 
 # Cosines of a heat map at least, but of a function that is called pair by pair: with fewer its contours are polygons.
 _MAP_COSINES = 17
+_MOST_SWITCHES = 3  # eight curves of one BRDF
 # By `PointwiseAlbedo.effort`.
 _EFFORTS = (
     _Effort(241, 33, 129, 3, 1, None),
@@ -208,13 +210,30 @@ def round_values(low: float, high: float, most: int = 5) -> list[float]:
     return np.linspace(low, high, most).tolist()
 
 
+def switched(family: Family) -> dict[str, Family]:
+    """The family at each end of its switches (the side of the light, a bool), where another parameter runs over a range.
+
+    By what tells them apart, as in ``below=0``; nothing where there are no switches to hold.
+    """
+    running = {name for name, (low, high) in family.ranges.items() if low < high}
+    switches = sorted(running & family.switches)
+    if len(running - family.switches) != 1 or len(switches) > _MOST_SWITCHES:
+        return {"": family}
+    found = {}
+    for ends in product(*(family.ranges[name] for name in switches)):
+        held = dict(zip(switches, ends, strict=True))
+        text = " ".join(f"{name}={end:g}" for name, end in held.items())
+        found[text] = replace(family, ranges={**family.ranges, **{name: (end, end) for name, end in held.items()}})
+    return found
+
+
 def swept_parameter(family: Family) -> str | None:
     """The one parameter that runs over a range; None where none does. ValueError for several."""
     swept = [name for name, (low, high) in family.ranges.items() if low < high]
     if len(swept) > 1:
-        raise ValueError(
-            f"{family.name}: {', '.join(swept)} all run over ranges; hold all but one, as in --over {swept[-1]}=VALUE"
-        )
+        shown = sorted(swept, key=lambda name: name in family.switches)
+        shown = shown[: max(2, len(set(swept) - family.switches))]
+        raise ValueError(f"{family.name}: {', '.join(shown)} run over ranges; hold all but one, as in --over {shown[-1]}=VALUE")
     return swept[0] if swept else None
 
 

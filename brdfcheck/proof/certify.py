@@ -77,9 +77,7 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
     Raises Unknown for what is no formula of the theorems.
     """
     if family.surface is not None:
-        raise NotProved(
-            f"{family.name} transmits: certificates are for what reflects; brdfcheck check names the theorem it rests on"
-        )
+        raise NotProved(f"{family.name} transmits, and certificates are for what reflects; brdfcheck check has the verdict")
     ends: dict[str, Ends] = {}
     for name, (low, high) in family.ranges.items():
         low, high = (ranges or {}).get(name, (low, high))

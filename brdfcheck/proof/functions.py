@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.tables import table_in
 from brdfcheck.messages import UsageError
 from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, document
 from brdfcheck.proof.cover import NotProved, written
 from brdfcheck.proof.hemisphere import Box, Hemisphere
 from brdfcheck.proof.operations import COVERED
-from brdfcheck.proof.programs import Program
+from brdfcheck.proof.programs import Program, Uncovered
 from brdfcheck.proof.search import Found, Search
 from brdfcheck.proof.symmetry import symmetry
 
@@ -41,10 +42,16 @@ def certificate(family: Family, seconds: float, watch: Callable[[float, float], 
     UsageError for what JAX cannot trace and for primitives that are not covered, which are named; NotProved, with what is
     proved all the same, where time is up.
     """
+    if not family.ranges and table_in(family.build()) is not None:
+        raise UsageError(
+            f"{family.name} is a table: nothing is proved between its samples; brdfcheck check has them in its error bar"
+        )
     try:
         program = Program(family, COVERED)
     except SystemExit:
         raise UsageError(f"{family.name} ends the process while JAX traces it") from None
+    except Uncovered as error:
+        raise Uncovered(f"{family.name}: {error}") from None
     kind = symmetry(program)
     found = Search(Hemisphere(program, kind), *_boxes(family, kind == "none"), seconds, watch).run()
     return _document(family, program, kind, found)

@@ -15,7 +15,7 @@ from brdfcheck.proof.programs import Program, Step
 Value = Enclosed | Truth
 
 
-def _truth(value: Value) -> Truth:
+def as_truth(value: Value) -> Truth:
     """A condition; a number that stands for one is 0 or 1, or lies between them where it may be either."""
     if isinstance(value, Truth):
         return value
@@ -24,18 +24,18 @@ def _truth(value: Value) -> Truth:
 
 
 def _and(a: Value, b: Value) -> Truth:
-    a, b = _truth(a), _truth(b)
+    a, b = as_truth(a), as_truth(b)
     return Truth(a.may_hold & b.may_hold, a.may_fail | b.may_fail)
 
 
 def _not(a: Value) -> Truth:
-    a = _truth(a)
+    a = as_truth(a)
     return Truth(a.may_fail, a.may_hold)
 
 
 def _equal(a: Value, b: Value) -> Truth:
     if isinstance(a, Truth) or isinstance(b, Truth):
-        a, b = _truth(a), _truth(b)
+        a, b = as_truth(a), as_truth(b)
         both = (a.may_hold & b.may_hold) | (a.may_fail & b.may_fail)
         return Truth(both, (a.may_hold & b.may_fail) | (a.may_fail & b.may_hold))
     if a is b and a.undefined is None:  # x == x asks for NaN
@@ -43,7 +43,7 @@ def _equal(a: Value, b: Value) -> Truth:
     return _and(e.less(a, b, equal=True), e.less(b, a, equal=True))
 
 
-def _number(value: Value) -> Enclosed:
+def as_number(value: Value) -> Enclosed:
     """A condition as a number: 1 or 0."""
     return e.select(value, e.point(1.0), e.point(0.0)) if isinstance(value, Truth) else value
 
@@ -143,14 +143,14 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": _and,
     "or": lambda a, b: _not(_and(_not(a), _not(b))),
     "not": _not,
-    "xor": lambda a, b: _not(_equal(_truth(a), _truth(b))),
+    "xor": lambda a, b: _not(_equal(as_truth(a), as_truth(b))),
     "is_finite": _finite,
     "select_n": lambda condition, no, yes: (
-        e.select(_truth(condition), _number(yes), _number(no))
+        e.select(as_truth(condition), as_number(yes), as_number(no))
         if not (isinstance(yes, Truth) or isinstance(no, Truth))
         else _not(_and(_not(_and(condition, yes)), _not(_and(_not(condition), no))))
     ),
-    "convert_element_type": lambda a: _number(a),
+    "convert_element_type": lambda a: as_number(a),
 }
 COVERED = frozenset(OPERATIONS)
 _KEPT = frozenset(("y", "rounding_method"))
@@ -158,37 +158,35 @@ _KEPT = frozenset(("y", "rounding_method"))
 _OF_CONDITIONS = frozenset(("eq", "ne", "and", "or", "not", "xor", "select_n"))
 
 
-def _apply(step: Step, arguments: list[Value]) -> Value:
+def apply(step: Step, arguments: list[Value], units: Mapping[int, np.ndarray]) -> Value:
+    """What a step makes of its arguments. `units`: for steps by their results, which numbers are known to lie in [-1, 1]
+    (`quotients`)."""
     if step.name not in _OF_CONDITIONS:
-        arguments = [_number(value) for value in arguments]
-    return OPERATIONS[step.name](*arguments, **{key: value for key, value in step.parameters.items() if key in _KEPT})
+        arguments = [as_number(value) for value in arguments]
+    found = OPERATIONS[step.name](*arguments, **{key: value for key, value in step.parameters.items() if key in _KEPT})
+    known = units.get(step.out)
+    if known is None or not isinstance(found, Enclosed):
+        return found
+    low, high = found.ends
+    mask = known[:, None]
+    return replace(found, ends=(np.where(mask, np.clip(low, -1, 1), low), np.where(mask, np.clip(high, -1, 1), high)))
 
 
-def _take(parts: list[Value], places: np.ndarray) -> Value:
+def taken(parts: list[Value], places: np.ndarray) -> Value:
+    """Numbers, or conditions, of several values: those at `places`, as one."""
     truths = [part for part in parts if isinstance(part, Truth)]
     if len(truths) == len(parts):
         sides = [part.may_hold for part in truths], [part.may_fail for part in truths]
         hold, fail = (e.take([Enclosed((x, x)) for x in side], places).ends[0] for side in sides)
         return Truth(hold, fail)
-    return e.take([_number(part) for part in parts], places)
+    return e.take([as_number(part) for part in parts], places)
 
 
 def evaluate(
     program: Program, units: Mapping[int, np.ndarray], wi: Enclosed, wo: Enclosed, parameters: Sequence[Enclosed]
 ) -> Enclosed:
-    """The enclosure of a program's result on boxes of directions and parameters.
-
-    `units`: for steps by their results, which numbers are known to lie in [-1, 1] (`quotients`).
-    """
-
-    def apply(step: Step, arguments: list[Value]) -> Value:
-        found = _apply(step, arguments)
-        known = units.get(step.out)
-        if known is None or not isinstance(found, Enclosed):
-            return found
-        low, high = found.ends
-        mask = known[:, None]
-        return replace(found, ends=(np.where(mask, np.clip(low, -1, 1), low), np.where(mask, np.clip(high, -1, 1), high)))
-
+    """The enclosure of a program's result on boxes of directions and parameters; `units` as for `apply`."""
     with np.errstate(all="ignore"):
-        return _number(program.run([wi, wo, *parameters], e.point, _take, apply))
+        return as_number(
+            program.run([wi, wo, *parameters], e.point, taken, lambda step, arguments: apply(step, arguments, units))
+        )

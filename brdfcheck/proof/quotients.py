@@ -52,9 +52,10 @@ class _Terms:
         return self.term(step.name, str(step.parameters) if step.name not in ("add", "mul", "max") else "", *row)
 
     def _is_unit(self, name: str, a: int, b: int) -> bool:
-        if name == "div":
-            return self._exceeds(b, a)
-        return any(self._holds_length(part, other) for part, other in ((a, b), (b, a)))
+        try:
+            return self._exceeds(b, a) if name == "div" else self._holds_length(a, b) or self._holds_length(b, a)
+        except RecursionError:  # of a sum of a thousand terms nothing is known
+            return False
 
     def _holds_length(self, part: int, x: int) -> bool:
         """Is `part` the inverse of something that is at least |x|?"""

@@ -1,8 +1,8 @@
 """A proof, by boxes, that the albedo of a program is at most 1 on all of a box; a point above 1; or how far it got.
 
-The box with the largest bound is taken next: its hemisphere is cut finer where cells make the difference between the bound
-and the value at its middle, and it is cut in two where its own width does. So at any time the largest bound of all boxes is
-proved, and time spent lowers it.
+The boxes with the largest bounds are taken next: a box's hemisphere is cut finer where cells make the difference between the
+bound and the value at its middle, and the box is cut in two where its own width does. So at any time the largest bound of all
+boxes is proved, and time spent lowers it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,10 @@ _PART = 0.8
 _ROUNDS = 40
 # Cells are cut while their excess is more than this part of that of the box's width.
 _BALANCE = 0.5
+# They are not cut again where that left more than this part of what the bound exceeds 1 by: the box is too wide then.
+_PAYS = 0.8
+# So many boxes are bounded together.
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True)
@@ -68,75 +73,114 @@ class Search:
         if violation is not None:
             return self._found(np.inf, 0.0, *violation)
         number = itertools.count()
-        waiting: list[tuple[float, int, int, str, float, Box, Cells, Bound]] = []
+        waiting: list[tuple[Any, ...]] = []
         cuts: dict[tuple[int, str], int] = {}
 
-        def look(box: Box, cells: Cells, root: int, half: str, share: float, ceiling: float) -> float:
-            """Bound a box; what is above 1 waits. Its share of all, if it is proved."""
-            bound, cells = self._refined(box, cells)
-            high = min(bound.high, ceiling)  # what holds of a box holds of its parts
-            if high <= 1:
-                return share
-            heapq.heappush(waiting, (-high, next(number), root, half, share, box, cells, bound))
-            return 0.0
+        def look(tasks: list[tuple[Box, Cells, int, str, float, float]]) -> float:
+            """Bound boxes; what is above 1 waits. The share of all of those that are proved."""
+            proved = 0.0
+            refined = self._refined([task[0] for task in tasks], [task[1] for task in tasks])
+            for (box, _, root, half, share, ceiling), bound, cells in zip(tasks, *refined, strict=True):
+                high = min(bound.high, ceiling)  # what holds of a box holds of its parts
+                if high <= 1:
+                    proved += share
+                else:
+                    heapq.heappush(waiting, (-high, next(number), root, half, share, box, cells, bound))
+            return proved
 
-        proved, tried = 0.0, 1.0
-        for root, box in enumerate(self._roots):
-            proved += look(box, self._least_cells, root, "", 1 / len(self._roots), np.inf)
+        tried = 1.0
+        proved = look(
+            [(box, self._least_cells, root, "", 1 / len(self._roots), np.inf) for root, box in enumerate(self._roots)]
+        )
         while waiting and self._spent < self._seconds:
-            high, _, root, which, share, box, cells, bound = heapq.heappop(waiting)
             if self._watch is not None:
-                self._watch(-high, proved)
-            # Where the middle of a box lies above 1, and higher than any seen before, a violation may be shown there.
-            if bound.estimate > tried:
-                tried = bound.estimate + 1e-3 * (bound.estimate - 1)
-                place = np.clip(box.middle, self._inside[root].low, self._inside[root].high)
-                low = self.at(place)
-                if low > 1:
-                    return self._found(-high, proved, place, low)
-            cuts[root, which] = j = self._widest(box, bound, root)
-            for letter, half in zip("01", box.halves(j), strict=True):
-                part = float((half.high[j] - half.low[j]) / (box.high[j] - box.low[j]))
-                proved += look(half, cells, root, which + letter, share * part, -high)
+                self._watch(-waiting[0][0], proved)
+            if not waiting[0][5].is_wide.any():
+                break  # time would not lower what is proved
+            tasks = []
+            for high, _, root, which, share, box, cells, bound in self._next(waiting):
+                # Where the middle of a box lies above 1, and higher than any seen before, a violation may be shown there.
+                if bound.estimate > tried:
+                    tried = bound.estimate + 1e-3 * (bound.estimate - 1)
+                    place = np.clip(box.middle, self._inside[root].low, self._inside[root].high)
+                    low = self.at(place)
+                    if low > 1:
+                        return self._found(-high, proved, place, low)
+                cuts[root, which] = j = self._widest(box, bound, root)
+                for letter, half in zip("01", box.halves(j), strict=True):
+                    part = float((half.high[j] - half.low[j]) / (box.high[j] - box.low[j]))
+                    tasks.append((half, cells, root, which + letter, share * part, -high))
+            proved += look(tasks)
         if waiting:
             return self._found(max(1.0, -waiting[0][0]), proved)
         return replace(self._found(1.0, 1.0), cuts=tuple(_as_text(cuts, root) for root in range(len(self._roots))))
 
     def covered(self, cuts: Sequence[str]) -> bool:
         """Is the albedo at most 1 on each of the boxes that are left of the first ones after these cuts (`Found.cuts`)?"""
+        left: list[Box] = []
         for box, text in zip(self._roots, cuts, strict=True):
-            parts, cells = [box], self._least_cells
+            parts = [box]
             for letter in text:
                 part = parts.pop()
-                if letter != ".":
+                if letter == ".":
+                    left.append(part)
+                else:
                     parts += reversed(part.halves("abcdefghijklmnopqrstuvwxyz".index(letter)))
-                else:  # mostly the cells of a neighbour will do
-                    bound, cells = self._refined(part, cells, 0.0)
-                    if bound.high > 1:
-                        bound, cells = self._refined(part, self._least_cells, 0.0)
-                    if bound.high > 1:
-                        return False
             if parts:
                 return False
+        cells = self._least_cells
+        for start in range(0, len(left), _AT_ONCE):
+            some = left[start : start + _AT_ONCE]
+            # Mostly the cells of a neighbour will do.
+            bounds, found = self._refined(some, [cells] * len(some), 0.0)
+            again = [box for box, bound in zip(some, bounds, strict=True) if bound.high > 1]
+            if any(bound.high > 1 for bound in self._refined(again, [self._least_cells] * len(again), 0.0)[0]):
+                return False
+            cells = found[-1]
         return True
 
     def _found(self, high: float, proved: float, point: np.ndarray | None = None, low: float = 0.0) -> Found:
         return Found(high, proved, self._count, self._spent, point, low)
 
     def _bound(self, box: Box, cells: Cells) -> Bound:
-        self._count += 1
-        return self._hemisphere.bound(box, cells)
+        return self._bounds([box], [cells])[0]
 
-    def _refined(self, box: Box, cells: Cells, balance: float = _BALANCE) -> tuple[Bound, Cells]:
-        """The bound of a box, with cells cut finer while they make more of a difference than a part of the box's own width."""
-        bound = self._bound(box, cells)
+    def _bounds(self, boxes: Sequence[Box], cells: Sequence[Cells]) -> list[Bound]:
+        self._count += len(boxes)
+        return self._hemisphere.bounds(boxes, cells)
+
+    def _next(self, waiting: list[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
+        """The boxes with the largest bounds that can be cut, taken from those that wait."""
+        taken = []
+        while waiting and len(taken) < _AT_ONCE // 2 and waiting[0][5].is_wide.any():
+            taken.append(heapq.heappop(waiting))
+        return taken
+
+    def _refined(
+        self, boxes: Sequence[Box], cells: Sequence[Cells], balance: float = _BALANCE
+    ) -> tuple[list[Bound], list[Cells]]:
+        """The bounds of boxes, with cells cut finer while they make more of a difference than a part of the box's own width."""
+        cells, bounds = list(cells), self._bounds(boxes, cells)
+        active = list(range(len(boxes)))
         for _ in range(_ROUNDS):
-            count, excess, width = cells.s.shape[1], bound.cells.sum(), bound.radii.sum()
-            if bound.high <= 1 or count > _MOST_CELLS or self._spent > self._seconds or not excess > balance * width:
+            active = [i for i in active if self._may_fall(boxes[i], cells[i], bounds[i], balance)]
+            if not active or self._spent > self._seconds:
                 break
-            cells = _cut(cells, bound, _PART)
-            bound = self._bound(box, cells)
-        return bound, cells
+            for i in active:
+                cells[i] = _cut(cells[i], bounds[i], _PART)
+            again = self._bounds([boxes[i] for i in active], [cells[i] for i in active])
+            before = [bounds[i].high for i in active]
+            for i, bound in zip(active, again, strict=True):
+                bounds[i] = bound
+            if balance:
+                active = [i for i, high in zip(active, before, strict=True) if bounds[i].high - 1 <= _PAYS * (high - 1)]
+        return bounds, cells
+
+    @staticmethod
+    def _may_fall(box: Box, cells: Cells, bound: Bound, balance: float) -> bool:
+        """May finer cells lower a bound?"""
+        most = _MOST_CELLS if box.is_wide.any() else _MOST_AT_POINT
+        return bound.high > 1 and cells.s.shape[1] <= most and bound.cells.sum() > balance * bound.radii.sum()
 
     def _widest(self, box: Box, bound: Bound, root: int) -> int:
         """The variable along which a box is cut: the one that makes the most of its excess."""
@@ -144,7 +188,7 @@ class Search:
         shares = np.nan_to_num(bound.radii, posinf=1e300)
         rough = np.nan_to_num(bound.cells, posinf=1e300).sum()
         score = shares + relative / max(relative.sum(), 1e-300) * min(rough, 1e300) * 0.5
-        return int(np.argmax(np.where(box.high > box.low, score, -1.0)))
+        return int(np.argmax(np.where(box.is_wide, score, -1.0)))
 
     def at(self, place: np.ndarray) -> float:
         """A lower bound of the albedo at one place, above 1 if that can be shown."""

@@ -12,7 +12,8 @@ Each seed is the corner of squares that reach half way to the next seed. A squar
 the seed, in the coordinates (r, q): the offsets along and across are (r, r q) or (r q, r), with r = `CENTRE` sinh(u)
 and q = v^2. In u a lobe of any width down to `CENTRE` is a bump of length one, so a few panels see every needle about
 a seed, and v crowds the nodes where grazing light makes a needle long and thin. The rest is cut into rectangles that
-grow away from the seeds, up to `_LONGEST`.
+grow away from the seeds, up to `_LONGEST`. Boxes that the circle as high as the light crosses are cut along it when they
+would be halved (`quadrature.circle`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brdfcheck.numerics import sine_cosine
+from brdfcheck.quadrature import circle
 
 CENTRE = 1e-6
 """The radius (radians) about a seed inside which nodes are spread evenly."""
@@ -30,6 +32,8 @@ CENTRE = 1e-6
 _LONGEST = 0.4
 # Seeds closer together than this are one.
 _SAME = 1e-7
+# The cosine of a light below which the strip between circle and horizon is too thin to be noticed: it is cut off at once.
+_FLAT = 3e-3
 # Lengths of the first panels in u, from r = _LONGEST inwards: short in u where they would be long in radians. One more
 # panel has the rest, if any.
 _PANELS = (1.2, 2.4, 5.0, 5.0)
@@ -41,9 +45,10 @@ class Boxes(NamedTuple):
     low: np.ndarray  # (boxes, 2)
     size: np.ndarray  # (boxes, 2)
     # Columns: the half of the plane of incidence (+1: the light's), the elevation of the seed, whether the elevation
-    # rises or falls (+1, -1) away from it, the sign of b, the kind: 0 plain, 1 first triangle, 2 second triangle; and the
-    # number of the corner.
-    patch: np.ndarray  # (boxes, 6)
+    # rises or falls (+1, -1) away from it, the sign of b, the kind: 0 plain, 1 first triangle, 2 second triangle; the number
+    # of the corner; which coordinate is bent (0 none, 1, 2; negative: from the far edge down), from what edge; and the cosine
+    # of the light.
+    patch: np.ndarray  # (boxes, 9)
 
     def taken(self, which: np.ndarray | slice) -> Boxes:
         """Some of the boxes."""
@@ -53,12 +58,30 @@ class Boxes(NamedTuple):
         """These boxes, then the others."""
         return Boxes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def halves(self, axis: np.ndarray) -> Boxes:
-        """The lower halves of all boxes across their `axis` (boxes,), then the upper ones."""
-        cut = axis[:, None] == np.arange(2)
-        size = np.where(cut, self.size / 2, self.size)
-        upper = np.where(cut, self.low + size, self.low)
-        return Boxes(np.concatenate([self.low, upper]), np.tile(size, (2, 1)), np.tile(self.patch, (2, 1)))
+    def refined(self, axis: np.ndarray) -> Boxes:
+        """All boxes in two halves across their `axis` (boxes,), or along the circle that crosses them."""
+        pieces, rest = self._cut()
+        rest, across = self.taken(rest), axis[rest, None] == np.arange(2)
+        size = np.where(across, rest.size / 2, rest.size)
+        upper = np.where(across, rest.low + size, rest.low)
+        halves = Boxes(np.concatenate([rest.low, upper]), np.tile(size, (2, 1)), np.tile(rest.patch, (2, 1)))
+        return halves.joined(pieces)
+
+    def cut(self) -> Boxes:
+        """All boxes, those that the circle crosses in pieces."""
+        pieces, rest = self._cut()
+        return self.taken(rest).joined(pieces)
+
+    def _cut(self) -> tuple[Boxes, np.ndarray]:
+        """The pieces of the boxes that the circle crosses, and which boxes (boxes,) it does not."""
+        crossed = circle.crossed(*self)
+        pieces = [circle.cut(*(column[i] for column in self)) for i in np.flatnonzero(crossed)]
+        return _of_rows(np.concatenate(pieces)) if pieces else self.taken(slice(0)), ~crossed
+
+
+def _of_rows(table: np.ndarray) -> Boxes:
+    """Boxes of rows of low, size and patch."""
+    return Boxes(table[:, 0:2], table[:, 2:4], table[:, 4:])
 
 
 class _Corner(NamedTuple):
@@ -92,13 +115,13 @@ def _corners(sine: float, cosine: float) -> list[_Corner]:
 def initial_boxes(sine: float, cosine: float) -> Boxes:
     """The boxes with which an integral begins, for light at this sine and cosine of the polar angle."""
     rows = [
-        (*box, corner.side, corner.height, corner.rise, sign, kind, number)
+        (*box, corner.side, corner.height, corner.rise, sign, kind, number, 0, 0, cosine)
         for number, corner in enumerate(_corners(sine, cosine))
         for *box, kind in _cut(corner.reach)
         for sign in (-1, 1)
     ]
-    table = np.array(rows)
-    return Boxes(table[:, 0:2], table[:, 2:4], table[:, 4:])
+    boxes = _of_rows(np.array(rows))
+    return boxes.cut() if cosine < _FLAT else boxes
 
 
 def _cut(reach: float) -> list[tuple[float, float, float, float, int]]:
@@ -136,9 +159,14 @@ def directions(boxes: Boxes, points: np.ndarray, wo: np.ndarray, weight: np.ndar
     plain = kind == 0
     # Of triangles: the distance from the apex, and how far they reach beside it there.
     radius = CENTRE * np.sinh(np.where(plain, 0, along))
-    density = (boxes.size[:, :1] * boxes.size[:, 1:]) * np.where(
-        plain, 1, radius * np.sqrt(radius * radius + CENTRE**2) * (2 * across)
-    )
+    stretch = boxes.size[:, :1] * boxes.size[:, 1:]
+    bent = boxes.patch[:, 6] != 0
+    if np.any(bent):
+        stretch = stretch * np.ones_like(along)
+        rows = along[bent], across[bent]
+        stretch[bent] *= circle.unbend(boxes.patch[bent], *rows, radius[bent])
+        along[bent], across[bent] = rows
+    density = stretch * np.where(plain, 1, radius * np.sqrt(radius * radius + CENTRE**2) * (2 * across))
     radius, lag = np.where(plain, along, radius), np.where(plain, across, radius * (across * across))
     second = kind == 2
     # Rounding must not push a direction below the horizon.
@@ -188,22 +216,37 @@ class Mesh:
             if old.reach <= 0 or not np.any(mine):
                 continue
             plain = mine & (patch[:, 4] == 0)
-            beyond = plain & (low[:, 0] >= core)
+            # Where a box begins along the plane; one that is bent from its far edge ends there.
+            bend, edge = patch[:, 6], patch[:, 7]
+            begin = np.where(np.abs(bend) == 1, edge, low[:, 0])
+            beyond = plain & np.where(bend == -1, begin > core, begin >= core)
             beside = plain & ~beyond
-            along = np.arcsinh(moved / CENTRE) / np.arcsinh(core / CENTRE)
-            low[mine & ~plain, 0] *= along
-            size[mine & ~plain, 0] *= along
-            low[beside, 0] *= moved / core
-            size[beside, 0] *= moved / core
-            rest = (np.pi / 2 - moved) / (np.pi / 2 - core)
-            low[beside, 1] = moved + (low[beside, 1] - core) * rest
-            size[beside, 1] *= rest
+            _stretch(low, size, patch, 0, mine & ~plain, np.arcsinh(moved / CENTRE) / np.arcsinh(core / CENTRE))
+            _stretch(low, size, patch, 0, beside, moved / core)
+            _stretch(low, size, patch, 1, beside, (np.pi / 2 - moved) / (np.pi / 2 - core), core, moved)
             if np.any(beyond):
-                rest = (new.reach - moved) / (old.reach - core)
-                low[beyond, 0] = moved + (low[beyond, 0] - core) * rest
-                size[beyond, 0] *= rest
+                _stretch(low, size, patch, 0, beyond, (new.reach - moved) / (old.reach - core), core, moved)
             patch[mine, 1] = new.height
+        patch[:, 8] = cosine
         return Boxes(low, size, patch)
+
+
+def _stretch(
+    low: np.ndarray,
+    size: np.ndarray,
+    patch: np.ndarray,
+    axis: int,
+    which: np.ndarray,
+    scale: float,
+    start: float = 0.0,
+    moved: float = 0.0,
+) -> None:
+    """Map x to moved + scale (x - start) along an axis of some boxes, in place."""
+    bent = np.abs(patch[:, 6]) == axis + 1
+    straight, edged = which & ~bent, which & bent
+    low[straight, axis] = moved + (low[straight, axis] - start) * scale
+    size[straight, axis] *= scale
+    patch[edged, 7] = moved + (patch[edged, 7] - start) * scale
 
 
 def _angle(cosine: float) -> tuple[float, float]:

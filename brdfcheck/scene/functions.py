@@ -56,17 +56,20 @@ class Function(AbstractBRDF):
             value = jnp.broadcast_to(found, rows)
         else:
             value = jax.pure_callback(
-                lambda *given: self._called(rows, *given).astype(dtype),
+                lambda *given: self._called(*given).astype(dtype),
                 jax.ShapeDtypeStruct(rows, dtype),
                 *flat,
-                vmap_method="sequential",
+                vmap_method="broadcast_all",  # all pixels of a batch in one call
             )
         return value.reshape(wi.shape[:-1] + rows[1:])
 
-    def _called(self, rows: tuple[int, ...], wi: Any, wo: Any) -> np.ndarray:
+    def _called(self, wi: Any, wo: Any) -> np.ndarray:
+        wi, wo = np.array(wi, float), np.array(wo, float)
         with np.errstate(all="ignore"):
-            found = np.asarray(self.many(np.array(wi, float), np.array(wo, float)), float)
-        return np.broadcast_to(found[:, 0] if found.ndim == 2 and not self.colored else found, rows)
+            found = np.asarray(self.many(wi.reshape(-1, 3), wo.reshape(-1, 3)), float)
+        found = found[:, 0] if found.ndim == 2 and not self.colored else found
+        tail = (3,) if self.colored else ()
+        return np.broadcast_to(found, (wi[..., 0].size, *tail)).reshape(wi.shape[:-1] + tail)
 
 
 @final

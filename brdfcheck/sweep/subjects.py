@@ -80,7 +80,7 @@ def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tupl
         family = _family(source, words, bounds)
         missing = [name for name in family.ranges if name not in bounds]
         if missing:
-            raise UsageError(_needs(source, missing))
+            raise UsageError(_needs(source, missing, missing[0] in family.switches))
 
         def build(**numbers: Any) -> Any:
             # What the door holds itself (a whole number, a range of no length) is not passed again.
@@ -112,10 +112,9 @@ def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple
     return target.family
 
 
-def _needs(source: Source, names: Any) -> str:
-    return (
-        f"{source.name} needs an axis {', '.join(names)}, as in {names[0]} = {{ geomspace = [0.1, 1, 10] }} or {names[0]} = 1"
-    )
+def _needs(source: Source, names: Any, switch: bool = False) -> str:
+    axis = "[0, 1]" if switch else "{ geomspace = [0.1, 1, 10] }"
+    return f"{source.name} needs an axis {', '.join(names)}, as in {names[0]} = {axis} or {names[0]} = 1"
 
 
 DEFAULT = "default"

@@ -6,6 +6,7 @@ from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.errors import ShaderError, mistake
 from brdfcheck.brdf.readers.glsl.lexer import Token, tokens
+from brdfcheck.brdf.readers.glsl.namespaces import flattened
 from brdfcheck.brdf.readers.glsl.preprocessor import Source
 
 # How tightly the operators between two operands bind.
@@ -70,7 +71,7 @@ class Expressions:
         self.source, self.dialect = source, dialect
         self.types = set(BUILTIN_TYPES) | set(dialect.types)
         self.aliases = dict(dialect.types)
-        self._tokens = tokens(source)
+        self._tokens = flattened(tokens(source), source) if dialect.spread else tokens(source)
         self._next = 0
         self._depth = 0
 

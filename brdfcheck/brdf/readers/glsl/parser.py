@@ -18,6 +18,11 @@ _FOREIGN = frozenset(
 )
 """Words that only HLSL and Slang use: elsewhere they may be names."""
 _SKIPPED = ("import", "__exported", "__include", "module", "implementing", "using")
+_UNREAD = {
+    "template": "templates", "__generic": "generics", "extension": "extensions", "enum": "enums", "property": "properties",
+    "func": "functions that begin with func", "__init": "constructors",
+}  # fmt: skip
+"""What HLSL and Slang have besides."""
 _QUALIFIERS = _FOREIGN | frozenset(
     (
         *("const", "uniform", "in", "out", "inout", "attribute", "varying", "centroid", "flat", "smooth", "noperspective"),
@@ -102,6 +107,9 @@ class _Parser(Expressions):
         self.expect(";")
 
     def _declared_type(self) -> syntax.TypeName:
+        if self.dialect.spread and (self.is_next(*_UNREAD) or self.ahead(2).text == "<"):
+            what = _UNREAD.get(self.now.text, "generics")
+            raise self.mistake(f"{what} are not read: functions and structs are, written for types that have a name")
         if self.now.kind == "name" and not self.is_type() and self.ahead(1).kind == "name":
             raise self.mistake(f"there is no type {self.now.text!r}")
         if not self.is_type():
@@ -149,6 +157,8 @@ class _Parser(Expressions):
         if self.dialect.spread and self.accept(":"):  # the interfaces that it has
             while not self.is_next("{"):
                 self.take()
+        if self.dialect.spread and self.is_next("<"):
+            raise self.mistake("generics are not read: write the struct for types that have a name")
         self.expect("{")
         while not self.is_next("}"):
             changes = self.is_next("[") and self.ahead(1).text == "mutating"
@@ -166,7 +176,7 @@ class _Parser(Expressions):
             else:
                 fields.append(self._variables([], kind, field))
         self.expect("}")
-        if not fields:
+        if not (fields or methods):
             raise self.mistake(f"the struct {name.text!r} has no fields", name.at)
         self.types.add(name.text)
         parts.append(syntax.StructDef(name.at, name.text, fields))

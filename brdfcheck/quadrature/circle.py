@@ -1,0 +1,97 @@
+r"""Boxes cut along the circle of the directions that are as high as the light, where max(N.L, N.V) has its kink.
+
+Across a kink a product rule gains little by smaller boxes: an albedo of Oren-Nayar's to 4e-10 takes 3 million evaluations,
+and 80,000 where no box is crossed. The circle leaves the seeds of the light and of the mirror direction across the plane of
+incidence and meets b = theta above the normal; with the elevation e in the plane (sin e = cos t) it is
+
+    sin e cos b = sin h,  h the elevation of the light.
+
+A box that it crosses is cut along it when its turn comes to be halved, so that smooth integrands do not pay for it. A piece
+is *bent*: one of its coordinates runs from a straight edge of the box (0) to the circle (1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Of a box's sides: the length of circle inside it that is worth a cut.
+_WORTH = 1e-4
+
+
+def _elevation(sine: np.ndarray, cosine: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """How much higher than the light the circle stands in the plane at the angle `across` (b): theta from b = theta on."""
+    y = np.minimum(np.sin(across), sine)
+    root = np.sqrt((sine - y) * (sine + y))
+    return np.arctan2(cosine * y * y, (sine + root) * (sine * root + cosine * cosine))
+
+
+def _reach(sine: np.ndarray, cosine: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+    """The angle b at which the circle stands at an elevation in the plane; 0 for those below the light's."""
+    above = np.sin(elevation - np.arctan2(cosine, sine)) * np.sin(elevation + np.arctan2(cosine, sine))
+    return np.arctan2(np.sqrt(np.maximum(above, 0)), cosine)
+
+
+def unbend(patch: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Write the coordinates of points in bent boxes, (boxes, points) each, as those of plain boxes or triangles.
+
+    `radius` is that of points in triangles. Returns by how much the boxes are stretched there, (boxes, points).
+    """
+    stretch = np.empty_like(along)
+    level, triangle = np.abs(patch[:, 6]) == 1, patch[:, 4] == 2
+    for which in (level, triangle, ~(level | triangle)):
+        height, rise, bend, edge, cosine = (patch[which, i, None] for i in (1, 2, 6, 7, 8))
+        sine = np.sqrt((1 - cosine) * (1 + cosine))
+        if which is level:
+            circle = rise * (np.arctan2(cosine, sine) - height + _elevation(sine, cosine, across[which]))
+        elif which is triangle:
+            circle = np.sqrt(_elevation(sine, cosine, radius[which]) / radius[which])
+        else:
+            circle = _reach(sine, cosine, height + rise * along[which])
+        span = circle - edge
+        bent = along if which is level else across
+        bent[which] = edge + bent[which] * span
+        stretch[which] = np.sign(bend) * span
+    return stretch
+
+
+def crossed(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
+    """True for boxes that the circle crosses, of those that are not bent yet."""
+    height, rise, kind, bend, cosine = (patch[:, i] for i in (1, 2, 4, 6, 8))
+    start, end, bottom, top = _inside(low, size, patch)
+    plain = (kind == 0) & (start < end) & (bottom < top)
+    plain &= (end - start) / size[:, 0] + (top - bottom) / size[:, 1] > _WORTH
+    # The triangles beside the light and the mirror direction, on the side of the normal: crossed from end to end.
+    light = np.arctan2(cosine, np.sqrt((1 - cosine) * (1 + cosine)))
+    whole = (low[:, 1] == 0) & (size[:, 1] == 1)
+    return (bend == 0) & (plain | ((kind == 2) & (height == light) & (rise > 0) & whole))
+
+
+def _inside(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Between which elevations, start and end, and which angles across, bottom and top, the circle runs in plain boxes."""
+    height, rise, cosine = patch[:, 1], patch[:, 2], patch[:, 8]
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    light = np.arctan2(cosine, sine)
+    high = low + size
+    first, last = np.sort(height + rise * np.stack([low[:, 0], high[:, 0]]), axis=0)
+    start = np.maximum(first, light + _elevation(sine, cosine, low[:, 1]))
+    end = np.minimum(last, light + _elevation(sine, cosine, high[:, 1]))
+    bottom, top = (np.clip(_reach(sine, cosine, e), low[:, 1], high[:, 1]) for e in (start, end))
+    return start, end, bottom, top
+
+
+def cut(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
+    """The pieces of one box that is `crossed`: a row of low (2), size (2) and patch for each."""
+
+    def piece(first: tuple[float, float], second: tuple[float, float], bend: int = 0, edge: float = 0.0) -> np.ndarray:
+        return np.array([first[0], second[0], first[1] - first[0], second[1] - second[0], *patch[:6], bend, edge, patch[8]])
+
+    (a0, b0), (a1, b1) = low, low + size
+    if patch[4] == 2:
+        return np.array([piece((a0, a1), (0, 1), 2, 0.0), piece((a0, a1), (0, 1), -2, 1.0)])
+    start, end, bottom, top = (float(part[0]) for part in _inside(low[None], size[None], patch[None]))
+    if end - start < top - bottom:
+        rows = [piece((a0, a1), pair) for pair in ((b0, bottom), (top, b1)) if pair[0] < pair[1]]
+        return np.array([*rows, piece((0, 1), (bottom, top), 1, a0), piece((0, 1), (bottom, top), -1, a1)])
+    left, right = np.clip(np.sort(patch[2] * (np.array([start, end]) - patch[1])), a0, a1)
+    rows = [piece(pair, (b0, b1)) for pair in ((a0, left), (right, a1)) if pair[0] < pair[1]]
+    return np.array([*rows, piece((left, right), (0, 1), 2, b0), piece((left, right), (0, 1), -2, b1)])
