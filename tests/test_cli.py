@@ -219,7 +219,7 @@ def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch
     number = Path(mine).read_text().splitlines().index("def raises(wi, wo):") + 1
     escaped = mine.replace(":", "%3A").replace(",", "%2C")
     assert line.startswith(
-        f"::error file={escaped},line={number},title=brdfcheck%3A {escaped}%3Araises::UNDECIDED: albedo unknown"
+        f"::error file=mine.py,line={number},title=brdfcheck%3A {escaped}%3Araises::UNDECIDED: albedo unknown"
     )
     assert "raised RuntimeError: boom" in line
 
@@ -410,6 +410,7 @@ def test_what_an_answer_rests_on_in_words(reports: list) -> None:
         "search, 12.3k points, 1 climb, not settled, could miss 0.1 % of n, 0.25 deg of the angle, 1.5 deg of the azimuth"
         " or 2 % of all at once"
     )
+    assert words.basis_text(replace(report, width={"n": 1e-3, "cell": 1.0})).endswith(" or 100 % of all at once")
     proof = replace(report, basis="proof", settled=False, width=width)  # which nothing can slip through
     assert words.basis_text(proof) == "proof: at most 1 in exact arithmetic (brdfcheck certify), 12.3k points for the largest"
     assert words.basis_text(replace(report, basis="none")) == "nothing could be evaluated"

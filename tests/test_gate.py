@@ -215,32 +215,53 @@ def known(**given: Any) -> Known:
     return Known(**given, reason="so it is")
 
 
+def alone(report: Any, expected: Known | None) -> Any:
+    (found,) = judged([report], expected)
+    return found
+
+
+def test_what_is_known_need_be_found_in_one_report_of_a_subject_only(reports: dict[str, Any]) -> None:
+    bright, matt, one_way = (reports[name] for name in ("bright", "matt", "one_way"))
+    found = judged([matt, bright, matt], known(violates=1.05))
+    assert [(report.passed, report.stale, report.known) for report in found] == [
+        (True, False, None), (True, False, "so it is"), (True, False, None),
+    ]  # fmt: skip
+    less = judged([matt, bright, matt], known(violates=1.06))
+    assert [report.stale for report in less] == [False, True, False], "told once, of the largest"
+    assert "smaller: its largest albedo is 1.05 (known: 1.06)" in less[1].notes[-1]
+    gone = judged([matt, matt], known(violates=1.05, findings=["reciprocal"]))
+    assert [report.stale for report in gone] == [True, False]
+    assert "no finding 'reciprocal'" in gone[0].notes[-1]
+    both = judged([one_way, matt], known(violates=100.0, findings=["reciprocal"]))
+    assert "reciprocal" not in both[0].notes[-1]
+
+
 def test_a_known_violation_passes_until_it_is_worse_or_gone(reports: dict[str, Any]) -> None:
     bright, matt = reports["bright"], reports["matt"]
-    assert not judged(bright, None).passed
-    same = judged(bright, known(violates=1.05))
+    assert not alone(bright, None).passed
+    same = alone(bright, known(violates=1.05))
     assert same.passed
     assert (same.known, same.stale) == ("so it is", False)
-    worse = judged(bright, known(violates=1.04))
+    worse = alone(bright, known(violates=1.04))
     assert not worse.passed
     assert "does not cover an albedo of 1.05 (known: 1.04)" in worse.notes[-1]
-    less = judged(bright, known(violates=1.06))
+    less = alone(bright, known(violates=1.06))
     assert less.passed
     assert less.stale
     assert "smaller: its largest albedo is 1.05 (known: 1.06)" in less.notes[-1]
-    gone = judged(matt, known(violates=1.05))
+    gone = alone(matt, known(violates=1.05))
     assert gone.passed
     assert (gone.known, gone.stale) == (None, True)
     assert "the known violation is gone: it conserves energy" in gone.notes[-1]
-    assert not judged(replace(bright, basis="none"), known(violates=2.0)).passed
+    assert not alone(replace(bright, basis="none"), known(violates=2.0)).passed
 
 
 def test_known_findings_are_known_by_their_names(reports: dict[str, Any]) -> None:
     report = reports["one_way"]
     assert [check.name for check in report.checks if not check.passed] == ["reciprocal"]
-    assert not judged(report, known(violates=100.0)).passed
-    assert judged(report, known(violates=100.0, findings=["reciprocal"])).passed
-    extra = judged(report, known(violates=100.0, findings=["reciprocal", "positive"]))
+    assert not alone(report, known(violates=100.0)).passed
+    assert alone(report, known(violates=100.0, findings=["reciprocal"])).passed
+    extra = alone(report, known(violates=100.0, findings=["reciprocal", "positive"]))
     assert extra.passed
     assert "no finding 'positive'" in extra.notes[-1]
 
@@ -351,7 +372,7 @@ def test_what_is_needed_holds_every_report_of_a_subject(reports: dict[str, Any])
     assert needed([reports["matt"]], found) is None
     assert needed([reports["bright"]], known(violates=3)).reason == "so it is"  # pyright: ignore[reportOptionalMemberAccess]
     for report in reports.values():
-        assert judged(report, found).passed
+        assert alone(report, found).passed
 
 
 # --- init ---
@@ -377,6 +398,10 @@ LOOKS = """
 def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here: Path) -> None:
     write("looks.py", LOOKS)
     write("mine.py", "raise SystemExit('was run')\ndef f(wi, wo):\n    return 0.25 + 0 * wi[..., 2]\n")
+    write(
+        "é.py",
+        "def turned(theta_i, phi_i, theta_o, phi_o): return 0.1\ndef f(V, L, N, X, Y, m): return 0\ndef g(l, N): return 0\n",
+    )
     write("sub/half.glsl", "uniform float k = 0.5; vec3 half_(vec3 L, vec3 V) { return vec3(k / 3.1415926); }\n")
     write("sub/helper.glsl", "float h(float x) { return x; }\n")
     write(".venv/lib/bad.py", "def f(wi, wo): return 0\n")
@@ -386,14 +411,17 @@ def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here:
     code, shown, err = run("init", "--dry-run")
     assert code == ExitCode.PASSED
     assert not (here / "brdfcheck.toml").exists()
-    assert "would write brdfcheck.toml: 5 BRDFs, 2 of them commented out until you give their ranges" in err
+    assert "would write brdfcheck.toml: 7 BRDFs, 2 of them commented out until you give their ranges" in err
     assert run("init")[0] == ExitCode.PASSED
     text = (here / "brdfcheck.toml").read_text()
     assert text == shown
     assert "bad" not in text
     assert "# Left out: sub/helper.glsl: " in text
     found = tomllib.loads(text)
-    assert [subject["target"] for subject in found["subjects"]] == ["looks.py:plain", "mine.py:f", "sub/half.glsl:half_"]
+    assert [subject["target"] for subject in found["subjects"]] == [
+        "looks.py:plain", "mine.py:f", "é.py:turned", "é.py:f", "sub/half.glsl:half_",
+    ]  # fmt: skip
+    assert 'target = "é.py:f"\nover = { m = [' in text, "what goes with the directions is no parameter"
     assert found["subjects"][0]["over"] == {"n": [1, 1000]}
     code, _, err = run("init")
     assert code == ExitCode.USAGE_ERROR

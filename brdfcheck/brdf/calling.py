@@ -10,7 +10,7 @@ import functools
 import inspect
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from types import ModuleType
 from typing import Any
 
@@ -91,27 +91,48 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
         signature = inspect.signature(value)
     except (TypeError, ValueError):
         return value
-    given = [item for item in signature.parameters.values() if item.kind is item.POSITIONAL_OR_KEYWORD]
-    angles = {item.name: angle for item in given if (angle := angle_of(item.name))}
-    kinds = set(angles.values())
-    if len(kinds) == len(angles) >= 2 and ("theta_d" in kinds or "phi_d" not in kinds):
+    given = {item.name: item for item in signature.parameters.values() if item.kind is item.POSITIONAL_OR_KEYWORD}
+    angles = _angles_of(given)
+    if angles:
         return _of_angles(value, angles, signature)
-    normals = [item for item in given if is_normal(item.name) and item.name not in parameters]
-    names = {item.name: item for item in given if item.name not in parameters}
-    # As BRDF Explorer has them: f(L, V, N, X, Y).
-    tangents = next(([names[x], names[y]] for x, y in _TANGENTS if normals and x in names and y in names), [])
-    first = [item for item in given if item not in normals and item not in tangents][:2]
-    named = [item for item in given if item.name not in (*parameters, "l", "v") and item.name.lower() in DIRECTIONS]
-    ways = ([DIRECTIONS.get(item.name.lower(), "") for item in two] for two in (first, named))
-    pair = next((two for two, roles in zip((first, named), ways, strict=True) if sorted(roles) == ["i", "o"]), [])
+    pair, normals, tangents = ([given[name] for name in part] for part in _vectors_of(given, parameters))
     if not pair:
         return value
-    light, viewer = sorted(pair, key=lambda item: DIRECTIONS[item.name.lower()])
+    light, viewer = pair
     if normals:
         return _with_normal(value, light, viewer, normals, tangents, signature)
-    if [light, viewer] == given[:2]:
+    if pair == list(given.values())[:2]:
         return value
     return _renamed(value, lambda wi, wo, **rest: value(**{light.name: wi, viewer.name: wo}, **rest), signature, pair)
+
+
+def geometry(names: Iterable[str]) -> set[str]:
+    """Which arguments, by their names, are directions or what goes with them; none where the function is no BRDF by them."""
+    names = list(names)
+    directions, normals, tangents = _vectors_of(names)
+    return {*_angles_of(names), *directions, *(normals if directions else ()), *(tangents if directions else ())}
+
+
+def _angles_of(names: Iterable[str]) -> dict[str, str]:
+    """The angle that each argument is; none where they do not make two directions."""
+    angles = {name: angle for name in names if (angle := angle_of(name))}
+    kinds = set(angles.values())
+    return angles if len(kinds) == len(angles) >= 2 and ("theta_d" in kinds or "phi_d" not in kinds) else {}
+
+
+def _vectors_of(names: Iterable[str], parameters: Collection[str] = ()) -> tuple[list[str], list[str], list[str]]:
+    """The directions to the light and to the viewer (none where no two names are theirs), the normals, and the axes along the
+    surface.
+    """
+    names = list(names)
+    free = [name for name in names if name not in parameters]
+    normals = [name for name in free if is_normal(name)]
+    # As BRDF Explorer has them: f(L, V, N, X, Y).
+    tangents = next(([x, y] for x, y in _TANGENTS if normals and x in free and y in free), [])
+    first = [name for name in names if name not in normals and name not in tangents][:2]
+    named = [name for name in free if name not in ("l", "v") and name.lower() in DIRECTIONS]
+    ways = ({DIRECTIONS.get(name.lower()): name for name in two} for two in (first, named) if len(two) == 2)
+    return next(([way["i"], way["o"]] for way in ways if way.keys() == {"i", "o"}), []), normals, tangents
 
 
 def _renamed(value: Any, brdf: Any, signature: inspect.Signature, gone: list[inspect.Parameter]) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import sys
 import time
@@ -248,7 +249,7 @@ def _run(
     settings |= {"tolerance": min(tolerances), "own_tolerances": len(tolerances) > 1}  # each report says its own
 
     def line(case: Case, report: Report) -> None:
-        report = judged(report, case.request.expect)
+        (report,) = judged([report], case.request.expect)
         if not (output.is_terminal or (quiet and report.passed)):
             output.line(console.plain_line(report, width, claims.get(report.name)))
 
@@ -259,7 +260,10 @@ def _run(
     expected = [case.request.expect for case in cases]
     if gate is not None:
         expected = project.update(gate, cases, found, output)
-    reports = [judged(report, known) for report, known in zip(found, expected, strict=True)]
+    reports: list[Report] = []
+    for _, own in itertools.groupby(range(len(cases)), lambda index: id(cases[index].request)):
+        indices = list(own)
+        reports += judged([found[index] for index in indices], expected[indices[0]])
     told = [report for report in reports if not quiet or not report.passed or report.stale]
     if output.is_terminal and told:
         console.report_table(output.console, told, list(claims.values()) or None)

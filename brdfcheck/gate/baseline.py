@@ -29,39 +29,58 @@ def defects(report: Report) -> list[str]:
     return found + [OTHER] * (len(report.findings) > len(found))
 
 
-def judged(report: Report, known: Known | None) -> Report:
-    """The report, which passes where what it found is known, and notes what is new or no longer so."""
+def judged(reports: Sequence[Report], known: Known | None) -> list[Report]:
+    """The reports on one subject, which pass where what they found is known; notes say what is new or no longer so.
+
+    What is known need be found in one of them only: a subject may be many values, or all that a file offers. The one with the
+    largest albedo notes what is in none.
+    """
     if known is None:
-        return report
-    worse, gone = _compared(report, known)
-    if worse:
-        return replace(report, notes=(*report.notes, f"the known violation does not cover {', '.join(worse)}"))
-    notes = (f"the known violation is {'gone' if report.passed else 'smaller'}: {', '.join(gone)}",) if gone else ()
-    return replace(report, known=None if report.passed else known.reason, stale=bool(gone), notes=(*report.notes, *notes))
+        return list(reports)
+    gone = _gone(reports, known) if all(report.basis != "none" for report in reports) else []
+    largest = max(range(len(reports)), key=lambda index: (not reports[index].passed, reports[index].albedo), default=0)
+    found = []
+    for index, report in enumerate(reports):
+        if worse := _worse(report, known):
+            text = f"the known violation does not cover {', '.join(worse)}"
+            found.append(replace(report, notes=(*report.notes, text)))
+            continue
+        stale = bool(gone) and index == largest
+        notes = (f"the known violation is {'gone' if report.passed else 'smaller'}: {', '.join(gone)}",) if stale else ()
+        reason = None if report.passed else known.reason
+        found.append(replace(report, known=reason, stale=stale, notes=(*report.notes, *notes)))
+    return found
 
 
-def _compared(report: Report, known: Known) -> tuple[list[str], list[str]]:
-    """What of a report is not known, and what is known and not in it, in words."""
+def _worse(report: Report, known: Known) -> list[str]:
+    """What of a report is not known, in words."""
     worse: list[str] = []
-    gone: list[str] = []
     verdict, slack = report.verdict.name, report.tolerance
     if report.basis == "none":
-        return ["a BRDF that cannot be evaluated"], []
+        return ["a BRDF that cannot be evaluated"]
     surely = math.inf if report.unbounded else report.albedo - report.error
     if verdict == "VIOLATES" and (known.violates is None or surely > known.violates + slack):
         limit = "none" if known.violates is None else f"{known.violates:.10g}"
         worse.append(f"an albedo of {report.albedo:.10g} (known: {limit})")
     if verdict == "UNDECIDED" and known.violates is None and not known.undecided:
         worse.append("a verdict that is undecided")
-    worse += [f"the finding {name!r}" for name in defects(report) if name not in known.findings]
-    if known.violates is not None and verdict == "CONSERVES":
+    return worse + [f"the finding {name!r}" for name in defects(report) if name not in known.findings]
+
+
+def _gone(reports: Sequence[Report], known: Known) -> list[str]:
+    """What is known and in none of the reports, in words."""
+    gone: list[str] = []
+    verdicts = {report.verdict.name for report in reports}
+    if known.violates is not None and verdicts == {"CONSERVES"}:
         gone.append(f"it conserves energy (known: {known.violates:.10g})")
-    elif known.violates is not None and report.albedo + report.error - 1 < _LESS * (known.violates - 1):
-        gone.append(f"its largest albedo is {report.albedo:.10g} (known: {known.violates:.10g})")
-    if known.undecided and verdict != "UNDECIDED":
+    elif known.violates is not None and all(
+        report.albedo + report.error - 1 < _LESS * (known.violates - 1) for report in reports
+    ):
+        gone.append(f"its largest albedo is {max(report.albedo for report in reports):.10g} (known: {known.violates:.10g})")
+    if known.undecided and "UNDECIDED" not in verdicts:
         gone.append("it is decided")
-    gone += [f"no finding {name!r}" for name in known.findings if name not in defects(report)]
-    return worse, gone
+    names = {name for report in reports for name in defects(report)}
+    return gone + [f"no finding {name!r}" for name in known.findings if name not in names]
 
 
 def needed(reports: Sequence[Report], before: Known | None) -> Known | None:

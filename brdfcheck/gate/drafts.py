@@ -74,7 +74,7 @@ def _read(folder: Path, name: str) -> Found:
 
 def _python(path: Path, name: str) -> Iterator[Found]:
     """The public functions and classes of a Python file that look like BRDFs by their arguments, or make such, or ours."""
-    from brdfcheck.brdf.calling import DIRECTIONS
+    from brdfcheck.brdf.calling import geometry
     from brdfcheck.brdf.subject import USUAL_RANGES
 
     try:
@@ -95,9 +95,8 @@ def _python(path: Path, name: str) -> Iterator[Found]:
         called = [part.func for part in returned if isinstance(part, ast.Call)]
         return any(isinstance(part, ast.Name) and part.id in ours for part in called)
 
-    def directions(function: ast.FunctionDef | ast.Lambda, skip: int = 0) -> bool:
-        names = [argument.arg.lower() for argument in function.args.args[skip : skip + 2]]
-        return len(names) == 2 and all(part in DIRECTIONS for part in names)
+    def directions(function: ast.FunctionDef | ast.Lambda, skip: int = 0) -> set[str]:
+        return geometry(argument.arg for argument in function.args.args[skip:])
 
     def parameters(function: ast.FunctionDef, skip: int) -> list[str]:
         own = function.args.args
@@ -112,7 +111,7 @@ def _python(path: Path, name: str) -> Iterator[Found]:
         if isinstance(node, ast.FunctionDef):
             inner = [part for part in ast.walk(node) if isinstance(part, ast.FunctionDef | ast.Lambda) and part is not node]
             if directions(node):
-                needed = parameters(node, 2)
+                needed = [name for name in parameters(node, 0) if name not in directions(node)]
             elif any(map(directions, inner)) or makes_ours(node):
                 needed = parameters(node, 0)
         elif isinstance(node, ast.ClassDef):
@@ -142,11 +141,11 @@ def draft(subjects: list[Found], prefix: str) -> str:
         over = {key: f"[{written(low)}, {written(high)}]" for key, (low, high) in subject.over.items()}
         over |= dict.fromkeys(subject.missing, "[LO, HI]")
         if over:
-            lines.append(f"{mark}target = {json.dumps(subject.target)}")
+            lines.append(f"{mark}target = {json.dumps(subject.target, ensure_ascii=False)}")
             pairs = ", ".join(f"{_key(key)} = {value}" for key, value in over.items())
             lines.append(f"{mark}over = {{ {pairs} }}{told}")
         else:
-            lines.append(f"{mark}target = {json.dumps(subject.target)}{told}")
+            lines.append(f"{mark}target = {json.dumps(subject.target, ensure_ascii=False)}{told}")
         lines.append("")
     lines.append(
         '# A violation that is accepted: expect = { violates = 1.05, reason = "..." }, or brdfcheck check --update-baseline.'
@@ -160,4 +159,4 @@ def draft(subjects: list[Found], prefix: str) -> str:
 
 
 def _key(name: str) -> str:
-    return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)
+    return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name, ensure_ascii=False)

@@ -162,7 +162,7 @@ def _judge(request: Request, found: Sequence[Case], verdicts: Verdicts | None, c
         raw = [evaluated(case, lambda text: None) for case in found]
         if verdicts is not None and all(case.report is None for case in found):
             verdicts.keep(request, found, raw)
-    reports = [judged(report, request.expect) for report in raw]
+    reports = judged(raw, request.expect)
     bad = [(report, case) for report, case in zip(reports, found, strict=True) if not report.passed]
     if bad:
         families = {case.name: case.target for case in found}

@@ -257,7 +257,8 @@ def github_error(title: str, message: str, *, file: str | None = None, line: int
     """
     properties: dict[str, str] = {}
     if file is not None:
-        properties["file"] = os.path.relpath(os.path.realpath(file), os.path.realpath(repository()))
+        path, root = Path(file).resolve(), repository().resolve()
+        properties["file"] = path.relative_to(root).as_posix() if path.is_relative_to(root) else file
         if line is not None:
             properties["line"] = str(line)
     properties["title"] = title

@@ -169,9 +169,11 @@ def _result(rule: str, message: str, report: Report, place: Place, root: str) ->
     if physical:
         location["physicalLocation"] = physical
     key = "\0".join((rule, subject, words.ranges_text(report.ranges)))
-    level = _RULES[rule][1] if rule in _RULES else "error"
-    # What a project knows and accepts is told, but as suppressed.
-    known = {} if report.known is None else {"suppressions": [{"kind": "external", "justification": report.known}]}
+    level, known = _RULES[rule][1] if rule in _RULES else "error", {}
+    if report.known is not None:
+        # What a project knows and accepts is told, but as suppressed; for GitHub, which reads no suppressions, as a mere note.
+        level, known = "note", {"suppressions": [{"kind": "external", "justification": report.known}]}
+        message += f" (accepted: {one_line(report.known)})"
     return {
         "ruleId": rule,
         "level": level,

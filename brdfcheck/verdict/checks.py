@@ -31,7 +31,7 @@ class Evidence:
         """The place of a witness in words; nothing where there is none."""
         if witness is None:
             return ""
-        wi, wo = (f"({', '.join(f'{part:.6g}' for part in direction)})" for direction in (witness.wi, witness.wo))
+        wi, wo = (f"({', '.join(f'{part + 0.0:.6g}' for part in direction)})" for direction in (witness.wi, witness.wo))
         pairs = zip(self.albedo.family.ranges, witness.parameters, strict=True)
         folded = " (what is transmitted is folded up)" if witness.folded else ""
         return f" at {''.join(f'{name}={value:.6g}, ' for name, value in pairs)}wi={wi}, wo={wo}{folded}"

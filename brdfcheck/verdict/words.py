@@ -148,11 +148,12 @@ def basis_text(report: Report) -> str:
 
 def width_text(width: Mapping[str, float]) -> str:
     """The widest region that a search may have missed: as a part of each range, or of all at once."""
+    percent = {name: f"{100 * value:.{3 if value > 0.99 else 2}g} %" for name, value in width.items()}
     parts = []
     for name, value in width.items():
         if name in ("angle", "azimuth"):
             parts.append(f"{value:.2g} deg of the {name}")
         elif name != "cell":
-            parts.append(f"{100 * value:.2g} % of {'the ' if ' ' in name else ''}{name}")
-    several = [f"{100 * width['cell']:.2g} % of all at once"] if "cell" in width else []
+            parts.append(f"{percent[name]} of {'the ' if ' ' in name else ''}{name}")
+    several = [f"{percent['cell']} of all at once"] if "cell" in width else []
     return " or ".join([", ".join(parts), *several]) if parts else ""
