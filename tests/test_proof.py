@@ -238,18 +238,21 @@ def leaves(value: Any, path: tuple = ()) -> Iterator[tuple[tuple, Any]]:
 
 
 def mutated(value: Any) -> list[Any]:
-    """Other values in place of one."""
+    """Other values in place of one: some are odd, some would fill the memory."""
+    odd = [None, "1e3", "1e999999999", "NaN", "\u0663", "9" * 5000, {}, [["1", "2"]]]
     if isinstance(value, bool):
-        return [not value]
+        return [*odd, not value]
     if isinstance(value, int):
-        return [value + 1, value - 1, 2 * value + 3]
+        return [*odd, value + 1, value - 1, 2 * value + 3, 10**30]
     try:
         number = Fraction(value)
     except ValueError:
-        return [f"{value}.", "", value.replace("at most", "at least").replace("1", "2")]
-    return [written(number + shift) for shift in (1, -1, Fraction(1, 10**3), -Fraction(1, 10**3), Fraction(1, 10**9))] + [
-        written(-number - 1)
-    ]
+        return [*odd, f"{value}.", "", value.replace("at most", "at least").replace("1", "2")]
+    return (
+        odd
+        + [written(number + shift) for shift in (1, -1, Fraction(1, 10**3), -Fraction(1, 10**3), Fraction(1, 10**9))]
+        + [written(-number - 1)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -282,6 +285,14 @@ def test_every_single_change_that_matters_is_rejected(name):
             if accepted(changed):
                 free = inner or path[-1] == "onwards" or (path[0] == "range" and name in VIOLATING)  # not in what is stated
                 assert free, (path, value, other)
+    for path in {place[:depth] for place, _ in leaves(record) for depth in range(1, len(place) + 1)}:
+        changed = copy.deepcopy(record)
+        place = changed
+        for key in path[:-1]:
+            place = place[key]
+        if isinstance(place, dict):  # a name less; lists may do with less
+            del place[path[-1]]
+            assert not accepted(changed), path
     for index in range(len(record.get("cover", []))):
         shorter = copy.deepcopy(record)
         shorter["cover"][index]["nodes"] = shorter["cover"][index]["nodes"][:-1]
@@ -349,6 +360,7 @@ def test_what_is_no_certificate_is_rejected():
         ("{", "not JSON"), ("[" * 100_000, "not JSON"), ("[]", "not a certificate"),
         ('{"schema": "other"}', "not a certificate"),
         ('{"schema": "brdfcheck-certificate", "schema_version": 2}', "schema version must be 1; got 2"),
+        ('{"schema": "other", "schema": "brdfcheck-certificate"}', "a name is there twice"),
     ):  # fmt: skip
         with pytest.raises(Rejected, match=message):
             read(text)
