@@ -436,13 +436,59 @@ def test_points_above_1_of_published_claims(name):
         verify(Certificate(changed))
 
 
-def test_every_opaque_entry_of_the_catalogue_has_an_answer():
-    assert {entry.name for entry in catalog.entries() if entry.family.surface is None} == {
-        *CONSERVING,
-        *VIOLATING,
-        *FACETS,
-        *POINTS,
-    }
+TRANSMITTING = ("lambert-transmission", "thin-sheet", "dielectric", "rough-dielectric-beckmann", "rough-dielectric-ggx")
+
+
+def test_every_entry_of_the_catalogue_has_an_answer():
+    assert {entry.name for entry in catalog.entries()} == {*CONSERVING, *VIOLATING, *FACETS, *POINTS, *TRANSMITTING}
+
+
+@pytest.mark.parametrize("name", TRANSMITTING)
+def test_what_transmits_conserves_by_theorem(name):
+    certificate = certify(name)
+    assert certificate
+    assert certificate.statement.startswith("The energy R + T of a ")
+    record = json.loads(certificate.to_json())
+    verify(Certificate(record))
+    for path, value in leaves(record):
+        for other in [*mutated(value), value.replace("albedo", "through")] if isinstance(value, str) else mutated(value):
+            changed = copy.deepcopy(record)
+            place = changed
+            for key in path[:-1]:
+                place = place[key]
+            place[path[-1]] = other
+            if other != value:
+                with pytest.raises(Rejected):
+                    verify(Certificate(changed))
+    with pytest.raises(ValueError, match="are checked here: try brdfcheck certify --verify"):
+        verify_certificate.check(record)
+
+
+def test_a_check_of_what_transmits_rests_on_the_proof():
+    """Its energy is 1 within the error bar: whatever the tolerance, it conserves."""
+    report = brdfcheck.check("lambert-transmission", tolerance=0.0, effort="quick")
+    assert (report.verdict.name, report.basis) == ("CONSERVES", "proof")
+
+
+def test_sheets_of_a_user():
+    sheet = brdfcheck.LambertTransmission
+    assert certify(sheet(0.4, 0.6))
+    assert certify(lambda a: sheet(0.3 * a, 1 - 0.3 * a), a=(0, 1))
+    refuted = certify(lambda a: sheet(a, 0.3), a=(0, 0.8))
+    assert refuted.record["point"] == {"a": "0.8", "albedo": ["1.1", "1.1"]}
+    verify(Certificate(json.loads(refuted.to_json())))
+    cases: list[tuple[Any, Any, str | None]] = [
+        (lambda a: sheet(a * a, 0.3), {"a": (0, 0.8)}, "the reflectance holds a power of a parameter"),
+        (lambda a: sheet(a - 0.5, 0.3), {"a": (0.6, 0.8)}, None),
+        (lambda a: sheet([a, 0.5], 0.3), {"a": (0, 0.5)}, "the reflectance must be one number"),
+        (lambda eta: brdfcheck.RoughDielectric(0.3, 2 / eta), {"eta": (1.2, 1.5)}, "eta is no polynomial in its parameters"),
+    ]
+    for make, ranges, message in cases:
+        if message is None:
+            assert certify(make, seconds=0, **ranges)
+        else:
+            with pytest.raises(UsageError, match=message):
+                certify(make, seconds=0, **ranges)
 
 
 def test_a_check_rests_on_a_proof_where_there_is_one():

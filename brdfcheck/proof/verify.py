@@ -12,7 +12,7 @@ from typing import Any
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.proof import facets, functions, mixtures
+from brdfcheck.proof import facets, functions, mixtures, surfaces
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, NotProved, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
@@ -93,6 +93,8 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
         for part in record["parts"]:
             verify(Certificate(part))
         return mixtures.assembled(record["lobe"], record["parts"], _ranges(record))
+    if record["lobe"]["kind"] == surfaces.KIND:
+        return surfaces.certificate(record["lobe"], _ranges(record))
     if record["lobe"]["kind"] not in KINDS:
         return facets.certificate(record["lobe"], _ranges(record), Fraction(record.get("point", {}).get("cos_theta", 0)))
     ((parameter, (first, last)),) = record["range"].items()
