@@ -1,17 +1,14 @@
 r"""Certificates of what transmits: R + T of sheets, panes and boundaries, by theorems that hold for all their parameters.
 
-What is left to check is that parameters are in their domains. Each field of a surface is a polynomial in the family's
-parameters, with exact coefficients (`fields`); where each parameter is in it by its first power at most, its extremes over a
-box are at corners.
+What is left to check is that parameters are in their domains: each field of a surface is a polynomial in the family's
+parameters (`terms`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Mapping, Sequence
-from fractions import Fraction
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,14 +18,8 @@ from brdfcheck.brdf.transmission import LambertTransmission, RoughDielectric, Sm
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, bound, document
 from brdfcheck.proof.cover import NotProved, written
-from brdfcheck.proof.operations import COVERED
-from brdfcheck.proof.programs import Program
 from brdfcheck.proof.reading import Unknown, exact
-from brdfcheck.proof.symmetry import polynomials
-
-Ends = tuple[Fraction, Fraction | None]
-Terms = Mapping[str, str]
-"""A polynomial: coefficients by products of parameters, such as "albedo*through"."""
+from brdfcheck.proof.terms import Ends, Terms, corners, terms_of, words
 
 KIND = "surface"
 # The least and the largest value of each field; least values of None are left out, and infinite largest ones are no bound.
@@ -64,17 +55,12 @@ def record_of(family: Family) -> dict[str, Any]:
         if not ranges:
             return {"": written(exact(getattr(first, field), field))}
 
-        def values(**parameters: Any) -> Any:
-            surface = build(**parameters)
+        def value(surface: Any) -> Any:
             if _name(surface) != name:
                 raise Unknown(f"{family.name} is not always the same kind of surface")
-            return lambda wi, wo: getattr(surface, field) + 0 * wi[..., 2]
+            return getattr(surface, field)
 
-        program = Program(dataclasses.replace(family, build=values, ranges=ranges, surface=None, switches=frozenset()), COVERED)
-        found = polynomials(program)
-        if found is None or len(found) != 1:
-            raise Unknown(f"{family.name}: {field} is no polynomial in its parameters for a proof")
-        return {"*".join(names): written(value) for names, value in sorted(found[0].items())}
+        return terms_of(dataclasses.replace(family, build=build, ranges=ranges), field, value)[0]
 
     return {"kind": KIND, "surface": name, "fields": {field: terms(field) for field in _DOMAINS[name]}}
 
@@ -85,11 +71,11 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends]) -> Certific
     if set(fields) != set(_DOMAINS[name]):
         raise NotProved(f"the fields of a {name} are {', '.join(_DOMAINS[name])}")
     for field, (least, most) in _DOMAINS[name].items():
-        values = [value for _, value in _corners(field, [fields[field]], ranges)]
+        values = [value for _, value in corners(field, [fields[field]], ranges)]
         if (min(values) <= 0 if least is None else min(values) < least) or max(values) > most:
             domain = "> 0" if least is None else ">= 0" if most == math.inf else "from 0 to 1"
             raise NotProved(f"the {field} of a {name} must be {domain}")
-    formula = f"R + T of a {name} with " + ", ".join(f"{field} = {_words(terms)}" for field, terms in fields.items())
+    formula = f"R + T of a {name} with " + ", ".join(f"{field} = {words(terms)}" for field, terms in fields.items())
     over = " and ".join(f"every {key} from {written(low)} to {bound(high)}" for key, (low, high) in ranges.items())
     content: dict[str, Any] = {
         "formula": formula,
@@ -98,7 +84,7 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends]) -> Certific
         "theorems": ["what is not reflected is transmitted, or lost"],
     }
     if name == "matte sheet":
-        place, energy = max(_corners("energy", list(fields.values()), ranges), key=lambda found: found[1])
+        place, energy = max(corners("energy", list(fields.values()), ranges), key=lambda found: found[1])
         if energy > 1:
             spot = {key: written(value) for key, value in place.items()}
             where = " and ".join(f"{key} = {value}" for key, value in spot.items()) or "its parameters"
@@ -108,30 +94,3 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends]) -> Certific
         f"The energy {formula} is at most 1 for {over or 'its parameters'} at every angle of incidence, from both sides."
     )
     return document(CONSERVES, statement, **content)
-
-
-def _words(terms: Terms) -> str:
-    parts = [f"{value}*{names}".removesuffix("*").replace("1*", "", value in ("1", "-1")) for names, value in terms.items()]
-    return " + ".join(parts).replace("+ -", "- ") or "0"
-
-
-def _corners(field: str, sums: Sequence[Terms], ranges: Mapping[str, Ends]) -> list[tuple[dict[str, Fraction], Fraction]]:
-    """The corners of the box of the parameters that are in a sum of polynomials, with its values there."""
-    total: dict[str, Fraction] = {}
-    for terms in sums:
-        for names, value in terms.items():
-            total[names] = total.get(names, Fraction(0)) + Fraction(value)
-    total = {names: value for names, value in total.items() if value}
-    used = [names.split("*") if names else [] for names in total]
-    if any(len(set(names)) < len(names) for names in used):
-        raise Unknown(f"the {field} holds a power of a parameter")
-    axes = [key for key in ranges if any(key in names for names in used)]
-    if any(ranges[key][1] is None for key in axes):
-        raise Unknown(f"the range of {axes[0]} must be finite")
-    found = []
-    for corner in itertools.product(*(ranges[key] for key in axes)):
-        place: dict[str, Any] = dict(zip(axes, corner, strict=True))
-        parts = (math.prod((place[key] for key in names.split("*") if key), start=value) for names, value in total.items())
-        value = sum(parts, Fraction(0))
-        found.append((place, value))
-    return found
