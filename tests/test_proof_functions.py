@@ -339,6 +339,33 @@ def test_facets_of_a_user():
     assert float(refuted.record["point"]["albedo at least"]) > 1
 
 
+def test_the_normal_may_be_a_vector():
+    normal = jnp.array([0.0, 0.0, 1.0])
+    assert certify(lambda wi, wo: 0.15 / jnp.maximum(jnp.sum(normal * wi, -1), jnp.sum(wo * normal, -1)), seconds=20)
+
+
+def test_grazing_light_has_its_albedo():
+    """Lommel and Seeliger's law: E = w/2 (1 - mu log((1 + mu)/mu)), which is w/2 at grazing light."""
+
+    def dust(wi, wo, w):
+        return w / (4 * jnp.pi) / (wi[..., 2] + wo[..., 2])
+
+    made, rng = program(dust, w=(0, 1.98)), np.random.default_rng(13)
+    area = Hemisphere(made, symmetry(made))
+    boxes = []
+    for k in range(20):
+        tau, w = 1 - 10 ** rng.uniform(-3, -0.3), rng.uniform(0, 1.9)
+        boxes.append(Box(np.array([tau, 0.0, w]), np.array([1.0 if k % 2 else tau + 1e-3 * rng.uniform(), 0.0, w + 0.05])))
+    for box, bound in zip(boxes, area.bounds(boxes, [Cells.start(1)] * 20), strict=True):
+        assert np.isfinite(bound.high)
+        for part in (0.0, 0.3, 0.999):
+            tau, _, w = box.low + part * (box.high - box.low)
+            mu = np.cos(tau * np.pi / 2)
+            assert bound.low <= w / 2 * (1 - mu * np.log((1 + mu) / mu)) <= bound.high
+    assert certify(dust, w=(0, 1.9))
+    assert not certify(dust, w=(0, 2.1))
+
+
 GRAZING = {
     "1/max": (lambda ci, co, x: x / jnp.maximum(ci, co), 1.0),
     "1/(sum - product)": (lambda ci, co, x: x / (ci + co - ci * co), 1.25),
