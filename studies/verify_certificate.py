@@ -101,7 +101,7 @@ def check(c):
     lambert = lobe["kind"] == "constant" and factor == {"A": "0", "B": "1", "pi": 1}
     need(x == ("reflectance" if lambert else "n") and (lambert or lobe["kind"] != "constant"), "the parameter")
     name = NAMES[lobe["kind"]].format({"mirror": "R.V", "half": "N.H"}[lobe["form"]], k, "max(0, " if clamped else "(")
-    if exact := conserves and factor == "reciprocal of the albedo":
+    if exact := (conserves, factor) == (True, "reciprocal of the albedo"):
         formula = f"{name}, divided by its albedo at normal incidence,"
         parts = [f"at most 1 for every n from {lo} to {hi} at every angle of incidence, and 1 at normal incidence"]
     else:
