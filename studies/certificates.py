@@ -17,6 +17,7 @@ import json
 import time
 from typing import Any
 
+from _instruments import theorems
 from brdfcheck import Factor, Normalized, NotProved, catalog, certify, fit_factor
 from brdfcheck.plots import paper
 from brdfcheck.plots.styles import style_of
@@ -65,9 +66,10 @@ def run(size: str = "full") -> dict[str, Any]:
 
 
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
-    """The certificates of the catalogue, each in a file of its own."""
+    """The certificates of the catalogue, each in a file of its own; the figure of docs/proofs.md."""
     entries = [entry for entry in record["summary"]["catalogue"] if entry["certificate"]]
-    return {f"{entry['name']}.json": (json.dumps(entry["certificate"], indent=1) + "\n").encode() for entry in entries}
+    files = {f"{entry['name']}.json": (json.dumps(entry["certificate"], indent=1) + "\n").encode() for entry in entries}
+    return {**files, "theorems.png": theorems.picture()}
 
 
 def plot(record: dict[str, Any]) -> Any:

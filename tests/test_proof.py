@@ -238,18 +238,21 @@ def leaves(value: Any, path: tuple = ()) -> Iterator[tuple[tuple, Any]]:
 
 
 def mutated(value: Any) -> list[Any]:
-    """Other values in place of one."""
+    """Other values in place of one: some are odd, some would fill the memory."""
+    odd = [None, "1e3", "1e999999999", "NaN", "\u0663", "9" * 5000, {}, [["1", "2"]]]
     if isinstance(value, bool):
-        return [not value]
+        return [*odd, not value]
     if isinstance(value, int):
-        return [value + 1, value - 1, 2 * value + 3]
+        return [*odd, value + 1, value - 1, 2 * value + 3, 10**30]
     try:
         number = Fraction(value)
     except ValueError:
-        return [f"{value}.", "", value.replace("at most", "at least").replace("1", "2")]
-    return [written(number + shift) for shift in (1, -1, Fraction(1, 10**3), -Fraction(1, 10**3), Fraction(1, 10**9))] + [
-        written(-number - 1)
-    ]
+        return [*odd, f"{value}.", "", value.replace("at most", "at least").replace("1", "2")]
+    return (
+        odd
+        + [written(number + shift) for shift in (1, -1, Fraction(1, 10**3), -Fraction(1, 10**3), Fraction(1, 10**9))]
+        + [written(-number - 1)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -282,6 +285,14 @@ def test_every_single_change_that_matters_is_rejected(name):
             if accepted(changed):
                 free = inner or path[-1] == "onwards" or (path[0] == "range" and name in VIOLATING)  # not in what is stated
                 assert free, (path, value, other)
+    for path in {place[:depth] for place, _ in leaves(record) for depth in range(1, len(place) + 1)}:
+        changed = copy.deepcopy(record)
+        place = changed
+        for key in path[:-1]:
+            place = place[key]
+        if isinstance(place, dict):  # a name less; lists may do with less
+            del place[path[-1]]
+            assert not accepted(changed), path
     for index in range(len(record.get("cover", []))):
         shorter = copy.deepcopy(record)
         shorter["cover"][index]["nodes"] = shorter["cover"][index]["nodes"][:-1]
@@ -349,6 +360,7 @@ def test_what_is_no_certificate_is_rejected():
         ("{", "not JSON"), ("[" * 100_000, "not JSON"), ("[]", "not a certificate"),
         ('{"schema": "other"}', "not a certificate"),
         ('{"schema": "brdfcheck-certificate", "schema_version": 2}', "schema version must be 1; got 2"),
+        ('{"schema": "other", "schema": "brdfcheck-certificate"}', "a name is there twice"),
     ):  # fmt: skip
         with pytest.raises(Rejected, match=message):
             read(text)
@@ -424,13 +436,59 @@ def test_points_above_1_of_published_claims(name):
         verify(Certificate(changed))
 
 
-def test_every_opaque_entry_of_the_catalogue_has_an_answer():
-    assert {entry.name for entry in catalog.entries() if entry.family.surface is None} == {
-        *CONSERVING,
-        *VIOLATING,
-        *FACETS,
-        *POINTS,
-    }
+TRANSMITTING = ("lambert-transmission", "thin-sheet", "dielectric", "rough-dielectric-beckmann", "rough-dielectric-ggx")
+
+
+def test_every_entry_of_the_catalogue_has_an_answer():
+    assert {entry.name for entry in catalog.entries()} == {*CONSERVING, *VIOLATING, *FACETS, *POINTS, *TRANSMITTING}
+
+
+@pytest.mark.parametrize("name", TRANSMITTING)
+def test_what_transmits_conserves_by_theorem(name):
+    certificate = certify(name)
+    assert certificate
+    assert certificate.statement.startswith("The energy R + T of a ")
+    record = json.loads(certificate.to_json())
+    verify(Certificate(record))
+    for path, value in leaves(record):
+        for other in [*mutated(value), value.replace("albedo", "through")] if isinstance(value, str) else mutated(value):
+            changed = copy.deepcopy(record)
+            place = changed
+            for key in path[:-1]:
+                place = place[key]
+            place[path[-1]] = other
+            if other != value:
+                with pytest.raises(Rejected):
+                    verify(Certificate(changed))
+    with pytest.raises(ValueError, match="are checked here: try brdfcheck certify --verify"):
+        verify_certificate.check(record)
+
+
+def test_a_check_of_what_transmits_rests_on_the_proof():
+    """Its energy is 1 within the error bar: whatever the tolerance, it conserves."""
+    report = brdfcheck.check("lambert-transmission", tolerance=0.0, effort="quick")
+    assert (report.verdict.name, report.basis) == ("CONSERVES", "proof")
+
+
+def test_sheets_of_a_user():
+    sheet = brdfcheck.LambertTransmission
+    assert certify(sheet(0.4, 0.6))
+    assert certify(lambda a: sheet(0.3 * a, 1 - 0.3 * a), a=(0, 1))
+    refuted = certify(lambda a: sheet(a, 0.3), a=(0, 0.8))
+    assert refuted.record["point"] == {"a": "0.8", "albedo": ["1.1", "1.1"]}
+    verify(Certificate(json.loads(refuted.to_json())))
+    cases: list[tuple[Any, Any, str | None]] = [
+        (lambda a: sheet(a * a, 0.3), {"a": (0, 0.8)}, "the reflectance holds a power of a parameter"),
+        (lambda a: sheet(a - 0.5, 0.3), {"a": (0.6, 0.8)}, None),
+        (lambda a: sheet([a, 0.5], 0.3), {"a": (0, 0.5)}, "the reflectance must be one number"),
+        (lambda eta: brdfcheck.RoughDielectric(0.3, 2 / eta), {"eta": (1.2, 1.5)}, "eta is no polynomial in its parameters"),
+    ]
+    for make, ranges, message in cases:
+        if message is None:
+            assert certify(make, seconds=0, **ranges)
+        else:
+            with pytest.raises(UsageError, match=message):
+                certify(make, seconds=0, **ranges)
 
 
 def test_a_check_rests_on_a_proof_where_there_is_one():

@@ -187,6 +187,58 @@ def test_programs_have_the_values_of_their_functions():
         assert found.ends[1].item() - found.ends[0].item() < 1e-12
 
 
+def loops(wi, wo, n):
+    series = jax.lax.scan(lambda c, x: (c * x + wi[..., 0], c + n), wo[..., 2], jnp.arange(1.0, 5.0), reverse=True)[1].sum(0)
+    return jax.lax.fori_loop(0, 3, lambda i, x: x * wi[..., 2] + i * n, series)
+
+
+PROGRAMS = {
+    "a condition for each": lambda wi, wo, n: jax.vmap(
+        lambda a, b: jax.lax.cond(a[2] > b[2], lambda: a[0] * n, lambda: b[1] + n)
+    )(wi, wo),
+    "a condition for all": lambda wi, wo, n: jax.lax.cond(n > 3, lambda x: x * 2, lambda x: x + n, wi[..., 2]),
+    "a choice that is known": lambda wi, wo, n: n * jax.lax.switch(1, [jnp.sin, jnp.cos, jnp.tan], wi[..., 2]),
+    "the first that holds": lambda wi, wo, n: jnp.select(
+        [wi[..., 2] > 0.7, wo[..., 2] > 0.4, wi[..., 0] > 0], [n, wo[..., 2], wi[..., 1]], 0.1
+    ),
+    "running": lambda wi, wo, n: (
+        jnp.cumsum(wi, axis=-1)[..., 1] * n
+        + jnp.cumprod(wo, axis=-1)[..., 2]
+        + jax.lax.cummax(wi, axis=1, reverse=True)[..., 1]
+    ),
+    "sorted": lambda wi, wo, n: jnp.sort(jnp.concatenate([n * wi, wo], -1), axis=-1) @ jnp.arange(6.0),
+    "loops": loops,
+    "set": lambda wi, wo, n: (
+        wi.at[..., 2].set(n * wo[..., 1]).sum(-1)
+        + jax.lax.dynamic_update_slice(wi, wo[:, :2], (0, 1)) @ jnp.arange(3.0)
+        + jnp.pad(wi, ((0, 0), (1, 2))) @ jnp.arange(6.0)
+    ),
+    "any and all": lambda wi, wo, n: jnp.where(jnp.any(wi > 0.7, axis=-1) | jnp.all(wo > 0, axis=-1), n, wi[..., 2]),
+    "hyperbolic": lambda wi, wo, n: (
+        jnp.arcsinh(n * wi[..., 0]) + jnp.arccosh(n + wo[..., 2] ** 2) + jnp.arctanh(0.9 * wo[..., 1])
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_what_jax_is_written_with(name):
+    """The values of programs, and of interval arithmetic on boxes of n, at random directions."""
+    function, rng = PROGRAMS[name], np.random.default_rng(11)
+    made = program(function, n=(2, 9))
+    with jax.enable_x64(True):
+        call = jax.jit(function)
+        for _ in range(40):
+            wi, wo = (x / np.linalg.norm(x) for x in rng.normal(size=(2, 3)))
+            n = rng.uniform(2, 8.9)
+            value = float(call(jnp.array(wi[None]), jnp.array(wo[None]), jnp.array(n))[0])
+            found = evaluate(made, {}, e.point(wi), e.point(wo), [e.point(n)])
+            assert found.ends[0].item() - 1e-12 <= value <= found.ends[1].item() + 1e-12
+            assert found.ends[1].item() - found.ends[0].item() < 1e-11
+            wide = Enclosed((np.array([[n - 0.1]]), np.array([[n + 0.1]])))
+            found = evaluate(made, {}, e.point(wi), e.point(wo), [wide])
+            assert found.ends[0].item() - 1e-12 <= value <= found.ends[1].item() + 1e-12
+
+
 @pytest.mark.parametrize(
     ("function", "kind"),
     [
@@ -287,6 +339,33 @@ def test_facets_of_a_user():
     assert float(refuted.record["point"]["albedo at least"]) > 1
 
 
+def test_the_normal_may_be_a_vector():
+    normal = jnp.array([0.0, 0.0, 1.0])
+    assert certify(lambda wi, wo: 0.15 / jnp.maximum(jnp.sum(normal * wi, -1), jnp.sum(wo * normal, -1)), seconds=20)
+
+
+def test_grazing_light_has_its_albedo():
+    """Lommel and Seeliger's law: E = w/2 (1 - mu log((1 + mu)/mu)), which is w/2 at grazing light."""
+
+    def dust(wi, wo, w):
+        return w / (4 * jnp.pi) / (wi[..., 2] + wo[..., 2])
+
+    made, rng = program(dust, w=(0, 1.98)), np.random.default_rng(13)
+    area = Hemisphere(made, symmetry(made))
+    boxes = []
+    for k in range(20):
+        tau, w = 1 - 10 ** rng.uniform(-3, -0.3), rng.uniform(0, 1.9)
+        boxes.append(Box(np.array([tau, 0.0, w]), np.array([1.0 if k % 2 else tau + 1e-3 * rng.uniform(), 0.0, w + 0.05])))
+    for box, bound in zip(boxes, area.bounds(boxes, [Cells.start(1)] * 20), strict=True):
+        assert np.isfinite(bound.high)
+        for part in (0.0, 0.3, 0.999):
+            tau, _, w = box.low + part * (box.high - box.low)
+            mu = np.cos(tau * np.pi / 2)
+            assert bound.low <= w / 2 * (1 - mu * np.log((1 + mu) / mu)) <= bound.high
+    assert certify(dust, w=(0, 1.9))
+    assert not certify(dust, w=(0, 2.1))
+
+
 GRAZING = {
     "1/max": (lambda ci, co, x: x / jnp.maximum(ci, co), 1.0),
     "1/(sum - product)": (lambda ci, co, x: x / (ci + co - ci * co), 1.25),
@@ -350,10 +429,11 @@ def test_a_single_angle_is_bounded_by_cells_alone():
 @pytest.mark.parametrize(
     ("function", "message"),
     [
-        (lambda wi, wo: jax.lax.cumsum(wi, axis=1)[..., 2], "cumsum is not covered"),
         (lambda wi, wo: wi[..., 2].astype(int) / 2 + wo[..., 2], "of whole numbers that depend on directions"),
         (lambda wi, wo: jnp.take(wi, jnp.argmax(wo[0]), axis=-1), "argmax of whole numbers"),
-        (lambda wi, wo: jax.lax.fori_loop(0, 3, lambda i, x: x * wi[..., 2], wo[..., 2]), "scan is not covered"),
+        (lambda wi, wo: wo[..., 2] * jnp.argmax(wi > 0.5, axis=-1).astype(wo.dtype), "convert_element_type of argmax"),
+        (lambda wi, wo: jax.lax.while_loop(lambda x: jnp.all(x < 1), lambda x: 2 * x, wo[..., 2]), "while is not covered"),
+        (lambda wi, wo: jax.scipy.special.gammaln(wi[..., 2]), "lgamma is not covered"),
     ],
 )
 def test_what_is_not_covered_is_named(function, message):

@@ -80,6 +80,26 @@ def test_sums_are_proved_by_their_parts(family, ranges, theorem):
             verify(Certificate(changed))
 
 
+def test_weights_may_be_parameters():
+    """What is proved of the parts holds at each value of the weights, which are largest at a corner of their box."""
+
+    def blend(n, kd, ks):
+        return brdfcheck.Mixture([brdfcheck.Lambert(1.0), phong(n), phong(3.0)], [kd, ks * (0.9 - kd), 0.1])
+
+    proof = certify(blend, n=(1, math.inf), kd=(0, 0.9), ks=(0, 1))
+    assert proof.record["lobe"]["weights"] == [{"kd": "1"}, {"kd*ks": "-1", "ks": "0.9"}, "0.1"]
+    assert "(-kd*ks + 0.9*ks) [" in proof.statement
+    record = json.loads(proof.to_json())
+    verify(Certificate(record))
+    for first in ({"kd": "1.1"}, {"kd": "-1"}, {"kd*kd": "1"}, {"n": "1"}, {"z": "0.1"}, {"kd": "1e0"}, ["kd"], {}):
+        with pytest.raises(Rejected):
+            verify(
+                Certificate({**record, "lobe": {"kind": "mixture", "weights": [first, *proof.record["lobe"]["weights"][1:]]}})
+            )
+    with pytest.raises(UsageError, match="add up to at most 1"):
+        certify(blend, seconds=0, n=(1, 9), kd=(0, 0.9), ks=(0, 1.001))
+
+
 def test_mixtures_of_one_member():
     assert certify(brdfcheck.Mixture([brdfcheck.Lambert(1.0), phong(3.0)], [0.5, 0.5]))
 
@@ -90,7 +110,9 @@ def test_mixtures_of_one_member():
         (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [0.6, 0.5]), "add up to at most 1; got 0.6, 0.5"),
         (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [-0.1, 0.5]), "must be >= 0"),
         (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(1.1), phong(n)], [0.1, 0.1]), "a part does not conserve"),
-        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [n, 0.1]), "the weights must be numbers"),
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [n, 0.1]), "at most 1; got n, 0.1"),
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [n * n, 0.1]), "the weight holds a power"),
+        (lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(n)], [1 / n, 0.1]), "a weight is no polynomial"),
         (
             lambda n: brdfcheck.Mixture([brdfcheck.Lambert(0.1), phong(2 * n)], [0.1, 0.1]),
             "part 2 of .* does not go into Phong",

@@ -12,8 +12,9 @@ import numpy as np
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
+from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.messages import UsageError
-from brdfcheck.proof import facets, functions, mixtures
+from brdfcheck.proof import facets, functions, mixtures, surfaces
 from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
@@ -76,12 +77,12 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
 
     Raises Unknown for what is no formula of the theorems.
     """
-    if family.surface is not None:
-        raise NotProved(f"{family.name} transmits, and certificates are for what reflects; brdfcheck check has the verdict")
     ends: dict[str, Ends] = {}
     for name, (low, high) in family.ranges.items():
         low, high = (ranges or {}).get(name, (low, high))
         ends[name] = exact(low, name), None if high == math.inf else exact(high, name)
+    if family.surface is not None:
+        return surfaces.certificate(surfaces.record_of(family), {name: pair for name, pair in ends.items() if name != BELOW})
     try:
         whole = mixtures.certificate(family, ends, lambda part: certify_family(part, ranges, most=most))
     except NotProved as error:  # boxes may tell

@@ -93,6 +93,12 @@ def _each(function: Callable[..., Enclosed], *parts: Graded) -> Callable[[Powers
     return lambda powers: function(*(Enclosed(part.times(powers)) for part in parts)).ends
 
 
+def _nothing(x: Graded) -> np.ndarray:
+    """Where a value is 0, exactly."""
+    low, high = as_number(x.value).ends
+    return (low == 0) & (high == 0)
+
+
 def _rule(step: Step, parts: Sequence[Graded]) -> Callable[[Powers], Pair] | None:
     """How products with powers of the cosines are enclosed for the result of a step; None: no better than factor by factor."""
     if all(part.rule is None for part in parts):
@@ -121,6 +127,11 @@ def _rule(step: Step, parts: Sequence[Graded]) -> Callable[[Powers], Pair] | Non
     if name == "rsqrt":
         root = _root(x)
         return lambda powers: e.inverse(root(_opposite(powers)))[0]
+    if (
+        name == "mul" and (zero := _nothing(x) | _nothing(y)).any()
+    ):  # whatever it is multiplied by, as of N.L with N = (0, 0, 1)
+        inner = _product(x.times, y.times)
+        return lambda powers: tuple(np.where(zero, 0.0, end) for end in inner(powers))  # pyright: ignore[reportReturnType]
     if name in ("mul", "div"):
         second = _inverse(y) if name == "div" else y.times
         if y.rule is None:  # then all powers are better off with the first

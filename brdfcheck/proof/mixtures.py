@@ -20,9 +20,9 @@ from brdfcheck.brdf.mixtures import FresnelBlend, Mixture
 from brdfcheck.proof.certificate import CONSERVES, Certificate, bound, document
 from brdfcheck.proof.cover import NotProved, written
 from brdfcheck.proof.reading import Unknown, exact
+from brdfcheck.proof.terms import Ends, Terms, corners, terms_of, words
 from brdfcheck.runtime import double_precision
 
-Ends = tuple[Fraction, Fraction | None]
 KINDS = ("mixture", "fresnel blend")
 
 
@@ -59,8 +59,11 @@ def certificate(family: Family, ends: Mapping[str, Ends], prove: Callable[[Famil
         parts.append(prove(_part(family, j, {name: bounds for name, bounds in family.ranges.items() if name in own})))
     if type(brdf) is Mixture:
         if isinstance(brdf.weights, Tracer):
-            raise Unknown(f"{family.name}: the weights must be numbers for a proof by parts")
-        lobe: dict[str, Any] = {"kind": "mixture", "weights": [written(exact(w, "a weight")) for w in np.asarray(brdf.weights)]}
+            weights: list[Any] = terms_of(family, "a weight", lambda mixture: mixture.weights)
+            weights = [weight.get("", "0") if set(weight) <= {""} else weight for weight in weights]
+        else:
+            weights = [written(exact(w, "a weight")) for w in np.asarray(brdf.weights)]
+        lobe: dict[str, Any] = {"kind": "mixture", "weights": weights}
     else:
         fixed = not isinstance(brdf.f0, Tracer)
         if not fixed and not _is_input(jaxpr, jaxpr.outvars[sum(sizes)], names):
@@ -109,30 +112,44 @@ def assembled(lobe: Mapping[str, Any], parts: Sequence[Mapping[str, Any]], range
     for part in parts:
         if part["verdict"] != CONSERVES:
             raise NotProved(f"a part does not conserve, which says nothing of the sum: {part['statement']}")
-        for name, (low, high) in part["range"].items():
-            if name in ranges and [written(ranges[name][0]), bound(ranges[name][1])] != [low, high]:
-                raise NotProved(f"a part is proved over another range of {name}")
+    over = {name: [written(low), bound(high)] for name, (low, high) in ranges.items()}
+    formulas = [_formula(part, over) for part in parts]
     if lobe["kind"] == "mixture":
-        weights = [Fraction(weight) for weight in lobe["weights"]]
-        if len(weights) != len(parts) or min(weights) < 0 or sum(weights) > 1:
-            raise NotProved(f"the weights of a mixture must be >= 0 and add up to at most 1; got {', '.join(lobe['weights'])}")
-        formula = " + ".join(f"{weight} [{part['formula']}]" for weight, part in zip(lobe["weights"], parts, strict=True))
+        weights: list[Terms] = [{"": weight} if isinstance(weight, str) else weight for weight in lobe["weights"]]
+        least = min(value for weight in weights for _, value in corners("weight", [weight], ranges))
+        most = max(value for _, value in corners("sum of weights", weights, ranges))
+        shown = [words(weight) for weight in weights]
+        if len(weights) != len(parts) or least < 0 or most > 1:
+            raise NotProved(f"the weights of a mixture must be >= 0 and add up to at most 1; got {', '.join(shown)}")
+        shown = [text if " " not in text else f"({text})" for text in shown]
+        formula = " + ".join(f"{weight} [{part}]" for weight, part in zip(shown, formulas, strict=True))
         theorem = "mixture"
     else:
         low, high = ranges["f0"] if lobe["f0"] == "f0" else (Fraction(lobe["f0"]),) * 2
         if low < 0 or high is None or high > 1:
             raise NotProved("f0 must be from 0 to 1")
-        coat, base = (part["formula"] for part in parts)
+        coat, base = formulas
         formula = f"min(F(L), F(V)) [{coat}] + (1 - max(F(L), F(V))) [{base}] with Schlick's F"
         formula += " of every f0" if lobe["f0"] == "f0" else f" of f0 = {lobe['f0']}"
         theorem = "Fresnel blend"
-    over = " and ".join(f"every {name} from {written(low)} to {bound(high)}" for name, (low, high) in ranges.items())
+    where = " and ".join(f"every {name} from {low} to {high}" for name, (low, high) in over.items())
     return document(
         CONSERVES,
-        f"The directional albedo of {formula} is at most 1 for {over or 'its parameters'} at every angle of incidence.",
+        f"The directional albedo of {formula} is at most 1 for {where or 'its parameters'} at every angle of incidence.",
         formula=formula,
         lobe=dict(lobe),
-        range={name: [written(low), bound(high)] for name, (low, high) in ranges.items()},
+        range=over,
         theorems=[theorem],
         parts=[{key: value for key, value in part.items() if key != "versions"} for part in parts],
     )
+
+
+def _formula(part: Mapping[str, Any], over: Mapping[str, list[str]]) -> str:
+    """The formula of a part with what it holds fixed. NotProved where a parameter of the sum has another range in it."""
+    held = []
+    for name, (low, high) in part["range"].items():
+        if over.get(name) != [low, high]:
+            if low != high:
+                raise NotProved(f"a part is proved over another range of {name}")
+            held.append(f"{name} = {low}")
+    return part["formula"] + f" with {', '.join(held)}" * bool(held)

@@ -22,10 +22,21 @@ from brdfcheck.runtime import double_precision
 # Primitives that only move numbers, and those that are another jaxpr.
 _MOVES = frozenset(
     (
-        "broadcast_in_dim", "concatenate", "dynamic_slice", "expand_dims", "gather", "rev", "reshape", "slice", "split",
-        "squeeze", "stack", "transpose",
+        "broadcast_in_dim", "concatenate", "dynamic_slice", "dynamic_update_slice", "expand_dims", "gather", "pad", "rev",
+        "reshape", "scatter", "slice", "split", "squeeze", "stack", "transpose",
     )
 )  # fmt: skip
+# Of moves at places that are arguments: which arguments these are.
+_PLACES = {
+    "gather": slice(1, 2),
+    "scatter": slice(1, 2),
+    "dynamic_slice": slice(1, None),
+    "dynamic_update_slice": slice(2, None),
+}
+_REDUCTIONS = {
+    "reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_prod": "mul", "reduce_and": "and", "reduce_or": "or",
+}  # fmt: skip
+_RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
 _CALLS = frozenset(("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint", "remat2"))
 _INNER = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 _SAME = frozenset(("convert_element_type", "copy", "copy_p", "stop_gradient", "reduce_precision", "optimization_barrier"))
@@ -58,7 +69,7 @@ class Program:
         self.names = tuple(family.ranges)
         self.steps: list[Step] = []
         self.constants: dict[int, np.ndarray] = {}
-        self._covered = covered
+        self._covered, self._first = covered, dict[int, list[int]]()
         self._count = 2 + len(self.names)
         middle = {name: (low + high) / 2 for name, (low, high) in family.ranges.items()}
         caller = Caller(family.build, middle)
@@ -124,6 +135,16 @@ class Program:
             return self._inline(inner.jaxpr, inner.consts, arguments)
         shapes = [atom.aval.shape for atom in equation.invars]
         kinds = [atom.aval.dtype.kind for atom in (*equation.invars, *equation.outvars)]
+        if name == "argmax" and kinds[0] == "b":  # jnp.select: the first of several conditions that holds, or 0
+            self._first[self._new()] = self._columns(arguments[0], shapes[0], parameters["axes"])
+            return [self._count - 1]
+        if name == "select_n" and arguments[0] in self._first:
+            chosen = arguments[1]
+            for condition, case in reversed(list(zip(self._first[arguments[0]], arguments[1:], strict=True))):
+                chosen = self._step("select_n", [condition, chosen, case], {})
+            return [chosen]
+        if any(index in self._first for index in arguments):
+            raise Uncovered(f"{one_line(name)} of argmax {_UNCOVERED}")
         # Whole numbers would be divided otherwise, and overflow; only truth values become some.
         if kinds[-1] in "iu" and not (name in _MOVES or (name == "convert_element_type" and kinds[0] == "b")):
             raise Uncovered(f"{one_line(name)} of whole numbers that depend on directions or parameters {_UNCOVERED}")
@@ -137,11 +158,24 @@ class Program:
         if name == "iota" and np.issubdtype(equation.outvars[0].aval.dtype, np.floating):
             with jax.ensure_compile_time_eval():
                 return [self._constant(equation.primitive.bind(**parameters))]
-        if name in ("reduce_sum", "reduce_max", "reduce_min", "reduce_prod"):
-            return [self._reduced(name, arguments[0], shapes[0], parameters["axes"])]
+        if name in _REDUCTIONS:
+            return [self._folded(_REDUCTIONS[name], self._columns(arguments[0], shapes[0], parameters["axes"]))]
+        if name in _RUNNING:
+            return [self._running(_RUNNING[name], arguments[0], shapes[0], parameters["axis"], parameters["reverse"])]
+        if name == "sort" and len(arguments) == 1:
+            return [self._sorted(arguments[0], shapes[0], parameters["dimension"])]
+        if name == "cond" and arguments[0] in self._known:
+            branches = parameters["branches"]
+            branch = branches[min(max(int(self._known[arguments[0]]), 0), len(branches) - 1)]
+            return self._inline(branch.jaxpr, branch.consts, arguments[1:])
+        if name == "cond" and len(parameters["branches"]) == 2:
+            results = [self._inline(branch.jaxpr, branch.consts, arguments[1:]) for branch in parameters["branches"]]
+            return [self._step("select_n", [arguments[0], no, yes], {}) for no, yes in zip(*results, strict=True)]
+        if name == "scan":
+            return self._scan(equation, arguments)
         if name == "dot_general":
             return [self._dot(arguments, shapes, parameters["dimension_numbers"])]
-        if name == "select_n" and (len(arguments) != 3 or kinds[0] != "b"):
+        if name == "select_n" and (len(arguments) != 3 or kinds[0] not in "bi"):
             raise Uncovered(f"select_n of more than two cases {_UNCOVERED}")
         return [self._step(name, arguments, dict(parameters))]
 
@@ -156,33 +190,86 @@ class Program:
     def _moved(self, equation: Any, arguments: list[int], shapes: list[tuple[int, ...]]) -> list[int]:
         """A move as an index: the primitive, run on the places of its numbers. What is known says where, as of a gather."""
         name = equation.primitive.name
-        places, start = [], 0
-        data = 1 if name in ("gather", "dynamic_slice") else len(arguments)
-        if any(index not in self._known for index in arguments[data:]):
+        places: list[Any] = list(range(len(arguments)))
+        start, fixed = 0, set(places[_PLACES[name]] if name in _PLACES else ())
+        if any(arguments[i] not in self._known for i in fixed):
             raise Uncovered(f"{name} at places that depend on directions or parameters {_UNCOVERED}")
-        for shape in shapes[:data]:
+        for i, shape in enumerate(shapes):
+            if i in fixed:
+                places[i] = self._known[arguments[i]]
+                continue
             size = int(np.prod(shape, dtype=int))
-            places.append(np.arange(start, start + size).reshape(shape))
+            places[i] = np.arange(start, start + size).reshape(shape)
             start += size
         with jax.ensure_compile_time_eval():
-            found = equation.primitive.bind(*places, *(self._known[index] for index in arguments[data:]), **equation.params)
+            found = equation.primitive.bind(*places, **equation.params)
         found = found if equation.primitive.multiple_results else [found]
         columns = [np.asarray(part).reshape(-1) for part in found]
         if any(np.any((column < 0) | (column >= start)) for column in columns):
             raise Uncovered(f"{name} out of bounds {_UNCOVERED}")
-        return [self._step("take", arguments[:data], {}, column) for column in columns]
+        data = [index for i, index in enumerate(arguments) if i not in fixed]
+        return [self._step("take", data, {}, column) for column in columns]
 
     def _taken(self, index: int, places: np.ndarray) -> int:
         return self._step("take", [index], {}, places)
 
-    def _reduced(self, name: str, index: int, shape: tuple[int, ...], axes: Sequence[int]) -> int:
+    def _columns(self, index: int, shape: tuple[int, ...], axes: Sequence[int]) -> list[int]:
+        """The numbers at each place along these axes."""
         places = np.arange(int(np.prod(shape, dtype=int))).reshape(shape)
         kept = [axis for axis in range(len(shape)) if axis not in axes]
         columns = places.transpose([*axes, *kept]).reshape(-1, int(np.prod([shape[axis] for axis in kept], dtype=int)))
-        return self._folded(
-            {"reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_prod": "mul"}[name],
-            [self._taken(index, column) for column in columns],
-        )
+        return [self._taken(index, column) for column in columns]
+
+    def _joined(self, columns: list[int], shape: tuple[int, ...], axis: int) -> int:
+        """The columns along an axis as one value of this shape: `_columns` undone."""
+        places = np.arange(int(np.prod(shape, dtype=int))).reshape((shape[axis], *shape[:axis], *shape[axis + 1 :]))
+        return self._step("take", columns, {}, np.moveaxis(places, 0, axis).reshape(-1))
+
+    def _running(self, name: str, index: int, shape: tuple[int, ...], axis: int, reverse: bool) -> int:
+        columns = self._columns(index, shape, [axis])[:: -1 if reverse else 1]
+        for i in range(1, len(columns)):
+            columns[i] = self._step(name, [columns[i - 1], columns[i]], {})
+        return self._joined(columns[:: -1 if reverse else 1], shape, axis)
+
+    def _sorted(self, index: int, shape: tuple[int, ...], axis: int) -> int:
+        """By as many rounds of exchanges between neighbours as there are numbers."""
+        columns = self._columns(index, shape, [axis])
+        for round_ in range(len(columns)):
+            for i in range(round_ % 2, len(columns) - 1, 2):
+                pair = [columns[i], columns[i + 1]]
+                columns[i], columns[i + 1] = self._step("min", pair, {}), self._step("max", pair, {})
+        return self._joined(columns, shape, axis)
+
+    def _scan(self, equation: Any, arguments: list[int]) -> list[int]:
+        """A loop with a known number of rounds, one after the other."""
+        parameters = equation.params
+        constants, carried = parameters["num_consts"], parameters["num_consts"] + parameters["num_carry"]
+        carry, rows = arguments[constants:carried], []
+        jaxpr, rounds = parameters["jaxpr"], range(parameters["length"])
+        slices = [
+            self._rows(index, atom.aval.shape)
+            for index, atom in zip(arguments[carried:], equation.invars[carried:], strict=True)
+        ]
+        for i in reversed(rounds) if parameters["reverse"] else rounds:
+            given = [*arguments[:constants], *carry, *(part[i] for part in slices)]
+            results = self._inline(jaxpr.jaxpr, jaxpr.consts, given)
+            carry = results[: len(carry)]
+            rows.append(results[len(carry) :])
+        if parameters["reverse"]:
+            rows.reverse()
+        outputs = equation.outvars[len(carry) :]
+        return [
+            *carry,
+            *(
+                self._joined(list(column), atom.aval.shape, 0)
+                for column, atom in zip(zip(*rows, strict=True), outputs, strict=True)
+            ),
+        ]
+
+    def _rows(self, index: int, shape: tuple[int, ...]) -> list[int]:
+        if index in self._known:
+            return [self._know(row) for row in self._known[index]]
+        return self._columns(index, shape, [0])
 
     def _folded(self, name: str, parts: list[int]) -> int:
         total = parts[0]

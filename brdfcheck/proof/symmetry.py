@@ -135,16 +135,40 @@ class _Values:
         return self.made(step.name, str(step.parameters), *row)
 
 
-def _holds(program: Program, mirror: bool) -> bool:
-    values = _Values(mirror)
+def _run(program: Program, values: _Values) -> list[Poly] | None:
+    """The results of a program as polynomials; None where there are none."""
     directions = [[_variable(3 * i + j) for j in range(3)] for i in range(2)]
     parameters = [[values.made(name)] for name in program.names]
     run: Callable[..., Any] = program.run
     try:
-        result = run([*directions, *parameters], values.constant, values.take, values.apply)
+        return run([*directions, *parameters], values.constant, values.take, values.apply)
     except _Depends:
-        return False
-    return all(map(values.unchanging, result))
+        return None
+
+
+def _holds(program: Program, mirror: bool) -> bool:
+    values = _Values(mirror)
+    result = _run(program, values)
+    return result is not None and all(map(values.unchanging, result))
+
+
+class _Decimals(_Values):
+    """Numbers are the decimals that they are written as."""
+
+    def constant(self, value: np.ndarray) -> list[Poly]:
+        return [{(): Fraction(str(float(x)))} if x else {} for x in value]
+
+
+def polynomials(program: Program) -> list[dict[tuple[str, ...], Fraction]] | None:
+    """The results of a program as polynomials in its parameters: coefficients by products of their names; None for others."""
+    names = dict(enumerate(program.names, 6))
+    found = _run(program, _Decimals(False))
+    if found is None or any(index not in names for poly in found for powers in poly for index, _ in powers):
+        return None
+    return [
+        {tuple(names[index] for index, power in powers for _ in range(power)): value for powers, value in poly.items()}
+        for poly in found
+    ]
 
 
 def symmetry(program: Program) -> str:

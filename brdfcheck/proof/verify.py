@@ -12,7 +12,7 @@ from typing import Any
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.proof import facets, functions, mixtures
+from brdfcheck.proof import facets, functions, mixtures, surfaces
 from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, NotProved, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
@@ -27,7 +27,9 @@ class Rejected(ValueError):
 def read(text: str) -> Certificate:
     """The certificate in a JSON text. Rejected where it is none."""
     try:
-        record = json.loads(text)
+        record = json.loads(text, object_pairs_hook=_once)
+    except Rejected:
+        raise
     except (ValueError, RecursionError) as error:
         raise Rejected(f"it is not JSON: {one_line(error)}") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
@@ -35,6 +37,14 @@ def read(text: str) -> Certificate:
     if record.get("schema_version") != SCHEMA_VERSION:
         raise Rejected(f"its schema version must be {SCHEMA_VERSION}; got {one_line(record.get('schema_version'))}")
     return Certificate(record)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object. Rejected where a name is in it twice: other readers may take the other value."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise Rejected("a name is there twice in one object")
+    return found
 
 
 def verify(certificate: Certificate, target: Any = None, reading: Reading | None = None) -> None:
@@ -58,8 +68,13 @@ def verify(certificate: Certificate, target: Any = None, reading: Reading | None
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise Rejected(f"it is damaged: {type(error).__name__}: {one_line(error)}") from None
     for key in dict.fromkeys((*record, *again.record)):
-        if key != "versions" and record.get(key) != again.record.get(key):
+        if key != "versions" and _text(record.get(key)) != _text(again.record.get(key)):
             raise Rejected(f"{key} is not what its numbers prove: {one_line(again.record.get(key))}")
+
+
+def _text(value: Any) -> str:
+    """As JSON, which tells 1 from true and 1.0."""
+    return json.dumps(value, sort_keys=True)
 
 
 def _refuse_exponents(value: Any) -> None:
@@ -78,6 +93,8 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
         for part in record["parts"]:
             verify(Certificate(part))
         return mixtures.assembled(record["lobe"], record["parts"], _ranges(record))
+    if record["lobe"]["kind"] == surfaces.KIND:
+        return surfaces.certificate(record["lobe"], _ranges(record))
     if record["lobe"]["kind"] not in KINDS:
         return facets.certificate(record["lobe"], _ranges(record), Fraction(record.get("point", {}).get("cos_theta", 0)))
     ((parameter, (first, last)),) = record["range"].items()
@@ -130,6 +147,8 @@ def _ranges(record: Mapping[str, Any]) -> dict[str, tuple[Fraction, Fraction | N
 def _check(claim: Claim, piece: Piece, low: Fraction, high: Fraction | None) -> None:
     """Rejected where the albedo is not shown to be on the piece's side of 1."""
     nodes = piece.nodes
+    if type(piece.onwards) is not bool:
+        raise Rejected(f"onwards is true or false; got {one_line(piece.onwards)}")
     if piece.side not in (BELOW, ABOVE):
         raise Rejected(f"an albedo is {BELOW} or {ABOVE}; got {one_line(piece.side)}")
     if low > nodes[0] or (high is not None and nodes[-1] > high and not piece.onwards):
