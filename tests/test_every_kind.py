@@ -144,6 +144,8 @@ def test_all_commands_take_it_and_agree(run: Run, here: Path, kind: str) -> None
     # Proofs, and one constant as a factor, are for what reflects; tables and plug-ins are not proved.
     found("certify", spec, *over, *at_half, "--seconds", "0.5", codes=(*either, ExitCode.USAGE_ERROR))
     if "n" not in held:
-        fit = run("fit", spec, *over)
+        fit = run("fit", spec, *over, "--json", "fit.json")
         assert fit[0] in ((ExitCode.USAGE_ERROR,) if "below" in held else either), fit  # what is not reciprocal has a finding
         assert ("transmits" in fit[2]) == ("below" in held)
+        if "below" not in held:
+            assert "is one constant: there is no range of n" in run("plot", "factor", "fit.json", "-o", "b.svg")[2]
