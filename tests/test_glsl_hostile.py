@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import re
 import resource
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from shaders import write
+from test_glsl_text import SLANG, SPACES
 
 from brdfcheck import load
 from brdfcheck.messages import UsageError
@@ -203,18 +205,20 @@ def _hurt(number: random.Random, text: str) -> str:
     )
 
 
-def _fuzz(folder: Path, count: int, seed: int) -> tuple[int, int]:
+def _fuzz(
+    folder: Path, count: int, seed: int, name: str = "damaged.brdf", whole: str = _SEED, function: str = ""
+) -> tuple[int, int]:
     """Read so many damaged files: how many were refused, how many read. Fails for another exception, and for more than 20 s."""
     refused = read = 0
     for number in range(count):
-        text = _damaged(random.Random(seed * 1_000_003 + number), _SEED)
-        path = folder / "damaged.brdf"
+        text = _damaged(random.Random(seed * 1_000_003 + number), whole)
+        path = folder / name
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
         began = time.monotonic()
         said = ""
         try:
             with _within(20):
-                load(str(path))
+                load(f"{path}{function}")
             read += 1
         except UsageError as error:
             refused, said = refused + 1, str(error)
@@ -229,6 +233,29 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     refused, read = _fuzz(tmp_path, 300, 1)
     assert refused > 150
     assert read > 10
+    refused, read = _fuzz(tmp_path, 300, 3, "damaged.slang", SLANG + SPACES.replace("float f(", "float g("), ":f")
+    assert refused > 150
+    assert read > 10
+
+
+@pytest.mark.parametrize("name", ["open.slang", "open.hlsl"])
+def test_what_is_open_at_the_end_is_refused(tmp_path: Path, name: str) -> None:
+    whole = SLANG + SPACES
+    for at in range(0, len(whole), 11):
+        (tmp_path / name).write_text(whole[:at])
+        with contextlib.suppress(UsageError), _within(20):
+            load(str(tmp_path / name))
+    for text in ("struct A : B", "namespace a", "interface A", "[a", "struct A {", "cbuffer A : register("):
+        (tmp_path / name).write_text(f"float f(float3 L, float3 V) {{ return 1; }} {text}")
+        with pytest.raises(UsageError, match="end of the file"), _within(20):
+            load(str(tmp_path / name))
+
+
+@pytest.mark.slow
+def test_ten_thousand_damaged_files_of_slang(tmp_path: Path) -> None:
+    refused, read = _fuzz(tmp_path, 10_000, 4, "damaged.slang", SLANG + SPACES.replace("float f(", "float g("), ":f")
+    assert refused > 5000
+    assert read > 300
 
 
 @pytest.mark.slow

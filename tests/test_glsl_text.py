@@ -163,6 +163,7 @@ def test_namespaces_are_read_as_one(tmp_path: Path) -> None:
             "namespace a { float g(int x) { return 1; } } float g(float x) { return 2; }" + f,
             "1:52: error: 'g' is in two namespaces",
         ),
+        ("namespace a { float g(int x); } namespace a::b { float g(float x); }" + f, "1:56: error: 'g' is in two namespaces"),
         ("namespace a { float g(int x) { return 1; }" + f, "expected '}' before the end of the file"),
         ("struct A<T> { T k; };" + f, "1:9: error: generics are not read: write the struct"),
         ("T g<T>(T x) { return x; }" + f, "1:1: error: generics are not read"),

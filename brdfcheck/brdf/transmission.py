@@ -295,7 +295,7 @@ class _FacetsOfBoundary(AbstractMicrofacetLobe):
         support = self.facets.support()[None]
         angles = self.critical_angles(cos_theta)
         # Panels that total reflection does not need cut the distribution evenly.
-        even = support * (jnp.arange(1, angles.size + 1) / (angles.size + 1)) ** 2
+        even = support * (jnp.arange(1, angles.size + 1, dtype=support.dtype) / (angles.size + 1)) ** 2
         versines = jnp.where(self.ratio < 1, 2 * jnp.sin(jnp.clip(angles, 0, np.pi / 2) / 2) ** 2, even)
         return jnp.concatenate([jnp.sort(jnp.minimum(jnp.concatenate([versines, 0.16 * support]), support)), support])
 

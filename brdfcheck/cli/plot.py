@@ -304,6 +304,8 @@ def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
 
     try:
         name, n = str(result["name"]), (float(result["n"][0]), float(result["n"][1]))
+        if n[0] == n[1]:
+            raise UsageError(f"{file}: the fit of {name} is one constant: there is no range of n to plot it over")
         said = result.get("settings") or {}
         ranges = {key: (float(low), float(high)) for key, (low, high) in said.get("over", {}).items()} | {"n": n}
         how: dict[str, Any] = said.get("reading", {})

@@ -17,6 +17,7 @@ from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
 from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.subject import as_family
+from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.fits.minimax import extrema, spread
 from brdfcheck.messages import UsageError
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
@@ -96,7 +97,7 @@ def _one_exponent(target: Any, n: tuple[float, float]) -> tuple[Family, bool]:
     """The family of the exponent alone; whether there is none."""
     name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
     known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
-    if known is not None and known.surface is not None:
+    if known is not None and (known.surface is not None or BELOW in {*known.ranges, *known.held}):
         raise UsageError(f"{name} transmits, and a factor is for what reflects: it would dim what is let through, too")
     if known is not None and "n" not in known.ranges:
         if any(low != high for low, high in known.ranges.values()):

@@ -112,7 +112,7 @@ def brdf_of(
     family = target.family
     if family.surface is not None and not furnace and BELOW in parameters:
         raise UsageError(f"{family.name}: {BELOW} is for the white furnace; under lights each side has its own")
-    known = {BELOW, *family.defaults} if family.surface is not None else family.defaults
+    known = {*family.defaults, *({BELOW} & family.switches)}
     missing = [name for name, (low, high) in family.ranges.items() if low < high and name not in known]
     if missing:
         plural = "s" if len(missing) > 1 else ""

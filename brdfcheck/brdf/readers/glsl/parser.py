@@ -154,12 +154,12 @@ class _Parser(Expressions):
         name = Token("name", f"struct at {at}", at) if self.is_next("{") else self.name("the name of the struct")
         fields: list[syntax.Declaration] = []
         methods: list[syntax.Function] = []
-        if self.dialect.spread and self.accept(":"):  # the interfaces that it has
-            while not self.is_next("{"):
-                self.take()
         if self.dialect.spread and self.is_next("<"):
             raise self.mistake("generics are not read: write the struct for types that have a name")
-        self.expect("{")
+        if self.dialect.spread and self.accept(":"):  # the interfaces that it has
+            self.skip_to("{")
+        else:
+            self.expect("{")
         while not self.is_next("}"):
             changes = self.is_next("[") and self.ahead(1).text == "mutating"
             if self.dialect.spread:
