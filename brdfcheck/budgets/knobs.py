@@ -215,8 +215,9 @@ def refusal_of(scene: Scene, choice: Choice) -> str:
 def _material(material: Any, choice: Choice) -> AbstractMaterial:
     if isinstance(material, Surface):
         terms = [_term(term, choice) for term in material.terms]
-        for term in terms:
-            Surface(term)  # refuses, with the reason, a BRDF that does not conserve
+        for term, own in zip(terms, material.terms, strict=True):
+            if term is not own:
+                Surface(term)  # refuses, with the reason, a BRDF that does not conserve
         # The sum is checked when it is about to be chosen.
         return Surface(*terms, allow_unvalidated=True)
     if isinstance(material, Highlight | Translucent) and choice.get("lobe", "power") != "power":

@@ -15,22 +15,23 @@ a combination with a rung that is too bad by itself needs no picture.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool
 
 from brdfcheck.budgets import scenes
 from brdfcheck.budgets.knobs import Knob, knobs_of, plan_of, refusal_of
-from brdfcheck.budgets.programs import Beside, Compiler, Image, Program, beside
+from brdfcheck.budgets.programs import Beside, Compiler, Image, Picture, Program, beside
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.materials import NotConserving
+from brdfcheck.scene.smooth import refuse_behind
+from brdfcheck.scene.sphere import refuse_inside
 
 Combination = tuple[int, ...]
 Watch = Callable[[str], None]
@@ -61,18 +62,20 @@ class Search:
 
     `own`: for each ladder the errors of its rungs alone. `cost`: of a combination, a fixed number; of equal costs the smaller
     sum of the rungs' errors comes first. `picture`: the error of a combination's picture, called once for each that is needed.
-    `allowed`: whether a combination may be chosen at all, called once for each that is good enough; by default any may.
-    `errors`: those that are known.
+    `program`: the error of its own program's picture, `REFUSED` where it may not be chosen; called once for each whose picture
+    is good enough. `errors`: those that are known.
     """
 
     own: Sequence[Sequence[Fault]]
     cost: Callable[[Combination], float]
     picture: Callable[[Combination], Fault]
-    allowed: Callable[[Combination], bool] = field(default=lambda _: True)
+    program: Callable[[Combination], Fault] = field(default=lambda _: Fault(0.0, 0.0))
     errors: dict[Combination, Fault] = field(default_factory=dict)
-    _verdicts: dict[Combination, bool] = field(default_factory=dict)
+    _final: set[Combination] = field(default_factory=set)
 
     def __post_init__(self) -> None:
+        # The full model is what all are compared with.
+        self._final.add(tuple(len(ladder) - 1 for ladder in self.own))
         self.order = sorted(itertools.product(*(range(len(ladder)) for ladder in self.own)), key=self._key)
 
     def _key(self, combination: Combination) -> tuple[float, float, Combination]:
@@ -97,23 +100,23 @@ class Search:
             self.errors[combination] = self.picture(combination).worse(self.least(combination))
         return self.errors[combination]
 
+    def within(self, tolerance: Fault) -> Iterator[Combination]:
+        """Those whose pictures are within the tolerance, in the order of cost."""
+        return (one for one in self.order if self.least(one).within(tolerance) and self.error(one).within(tolerance))
+
     def best(self, tolerance: Fault) -> Combination | None:
-        """The first in the order of cost that is within the tolerance; None where none is."""
-        for combination in self.order:
-            if self.least(combination).within(tolerance) and self.error(combination).within(tolerance):
-                if combination not in self._verdicts:
-                    self._verdicts[combination] = self.allowed(combination)
-                if self._verdicts[combination]:
-                    return combination
+        """The first in the order of cost that is within the tolerance, by its own program too; None where none is."""
+        for combination in self.within(tolerance):
+            if combination not in self._final:
+                self._final.add(combination)
+                self.errors[combination] = self.error(combination).worse(self.program(combination))
+            if self.error(combination).within(tolerance):
+                return combination
         return None
 
     def frontier(self) -> list[Combination]:
         """Of the combinations with known errors that may be chosen: those with no other that costs and errs no more."""
-        known = [
-            one
-            for one in self.order
-            if one in self.errors and np.isfinite(self.errors[one].pixel) and self._verdicts.get(one, True)
-        ]
+        known = [one for one in self.order if one in self.errors and np.isfinite(self.errors[one].pixel)]
         kept: list[Combination] = []
         for one in sorted(known, key=lambda one: (self._key(one)[0], self.errors[one].pixel)):
             if not kept or self.errors[one].pixel < self.errors[kept[-1]].pixel:
@@ -121,7 +124,7 @@ class Search:
         return kept
 
 
-# Tolerances, over the one that is asked for, whose choices are rendered for the chart.
+# Tolerances, over the one that is asked for, for which the cheapest pictures are made, for the chart.
 _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
 # A combination is refused where three of four rounds took so much longer than the full model's. A busy machine does not do that
 # to two programs in turns, only a model of work that is wrong for this machine.
@@ -226,7 +229,7 @@ class Measured:
             combination = self.search.best(limit)
             assert combination is not None, "the full model is within every tolerance"
             for share in _AROUND:  # what other tolerances would have chosen: the frontier about this one
-                self.search.best(limit._replace(pixel=min(pixel * share, 1.0)))
+                next(self.search.within(limit._replace(pixel=min(pixel * share, 1.0))))
             return self._budget(combination, limit)
 
     def _budget(self, combination: Combination, limit: Fault) -> Budget:
@@ -234,7 +237,7 @@ class Measured:
         program = view.program(combination)
         time = view.time(program)
         image = program.image()
-        verified = view.fault(program, image)
+        verified = view.verified(combination, image)
         if not verified.within(limit):
             raise BudgetError(
                 f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} (energy"
@@ -258,20 +261,20 @@ class Measured:
         return Budget(
             self.scene, limit, tuple(rows), search.predicted(combination), search.error(combination), verified,
             search.cost(combination), time.seconds, time.quartiles, len(search.order), tuple(points),
-            self.ladders, view.reference, image,
+            self.ladders, view.whole, image,
         )  # fmt: skip
 
 
 @dataclass
 class _View:
-    """Pictures of a scene against its full model."""
+    """Pictures of a scene against its full model: `reference` made as those of combinations are, `whole` by its program."""
 
     scene: Scene
     knobs: tuple[Knob, ...]
     compiler: Compiler
     full: Program
-    reference: Image
-    covered: Bool[np.ndarray, "height width"]
+    reference: Picture
+    whole: Image
     watch: Watch = lambda name: None
     times: dict[Any, Beside] = field(default_factory=dict)
     works: dict[Any, Any] = field(default_factory=dict)
@@ -285,7 +288,7 @@ class _View:
     def picture(self, combination: Combination) -> Fault:
         self.watch(", ".join(self.choice(combination).values()))
         try:
-            return self.fault(self.program(combination))
+            return self.fault(self.compiler.picture(plan_of(self.scene, self.choice(combination))))
         except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
             return REFUSED
 
@@ -312,21 +315,26 @@ class _View:
             self.times[program.key] = beside(program, self.full)
         return self.times[program.key]
 
-    def allowed(self, combination: Combination) -> bool:
-        """Whether it conserves energy, and does not clearly take longer than the full model where it is another program."""
+    def final(self, combination: Combination) -> Fault:
+        """The error of its program; refused where it does not conserve energy, or clearly takes longer than the full model."""
         if refusal_of(self.scene, self.choice(combination)):
-            return False
+            return REFUSED
         program = self.program(combination)
-        return program.key == self.full.key or self.time(program).quartiles[0] < _SLOWER
+        slower = program.key != self.full.key and self.time(program).quartiles[0] >= _SLOWER
+        return REFUSED if slower else self.verified(combination, program.image())
 
-    def fault(self, program: Program, image: Image | None = None) -> Fault:
+    def verified(self, combination: Combination, image: Image) -> Fault:
+        """The error of an image that its program made, against that of the full model's program."""
+        seen = self.compiler.picture(plan_of(self.scene, self.choice(combination)))
+        return self.fault(seen._replace(image=image), self.whole)
+
+    def fault(self, shown: Picture, reference: Image | None = None) -> Fault:
         """The largest error of a pixel after the transfer curve, and the relative error of the sum in linear light."""
-        picture = np.asarray(program.image() if image is None else image, float)
+        picture, reference = np.asarray(shown.image, float), self.reference.image if reference is None else reference
         if not np.all(np.isfinite(picture)):
             return REFUSED
-        reference = self.reference
         if not self.scene.silhouette:
-            both = self.covered & program.covered()
+            both = self.reference.covered & shown.covered
             picture, reference = picture[:, both], reference[:, both]
         if not picture.size:
             return REFUSED
@@ -376,7 +384,12 @@ def full_model(scene: Scene, size: tuple[int, int] | None = None) -> Image:
 
 def _full(scene: Scene, compiler: Compiler, knobs: tuple[Knob, ...]) -> Program:
     """Every knob at its dearest rung. ValueError where lights, materials and camera do not go together."""
-    scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
+    picture = scene.picture
+    if picture.mesh is not None:
+        refuse_behind(picture.mesh, picture.camera)
+    else:
+        options = {"center": np.zeros(3), "radius": 1.0, **picture.options}
+        refuse_inside(picture.camera.eye, options["center"], options["radius"], "the sphere")
     return compiler.program(plan_of(scene, _dearest(knobs)))
 
 
@@ -387,34 +400,34 @@ def _dearest(knobs: tuple[Knob, ...]) -> dict[str, str]:
 def _measure(scene: Scene, watch: Watch) -> Measured:
     knobs, compiler = knobs_of(scene), Compiler(scene)
     dearest, base = _dearest(knobs), _full(scene, compiler, knobs)
-    reference = base.image()
-    if not np.all(np.isfinite(reference)):
-        raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")
-    view = _View(scene, knobs, compiler, base, reference, base.covered())
+    whole = base.image()
+    if not np.all(np.isfinite(whole)):
+        raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(whole)))} values")
+    view = _View(scene, knobs, compiler, base, compiler.picture(plan_of(scene, dearest)), whole)
 
     def tried(choice: dict[str, str]) -> tuple[Fault, str]:
         """The error of a rung alone, and why it is refused."""
         watch(", ".join(choice.values()))
         try:
-            program = compiler.program(plan_of(scene, {**dearest, **choice}))
+            picture = compiler.picture(plan_of(scene, {**dearest, **choice}))
         except ValueError as error:
             return REFUSED, one_line(error.reason if isinstance(error, NotConserving) else error)
         except NotImplementedError:  # as a linear solver in float16
             return REFUSED, "does not run here"
-        fault = view.fault(program)
+        fault = view.fault(picture)
         return fault, "the picture is not finite" if fault == REFUSED else ""
 
     found = [[tried({knob.name: name}) for name in knob.rungs] for knob in knobs]
     own = [[fault for fault, _ in ladder] for ladder in found]
     last = tuple(len(ladder) - 1 for ladder in own)
-    whole = view.work(last)
+    work = view.work(last)
 
     def alone(place: int, i: int) -> Combination:
         return (*last[:place], i, *last[place + 1 :])
 
     def cost(combination: Combination) -> float:
         refused = any(own[place][i] == REFUSED for place, i in enumerate(combination))
-        return np.inf if refused else view.work(combination) / whole
+        return np.inf if refused else view.work(combination) / work
 
     ladders = {
         knob.name: tuple(
@@ -424,7 +437,7 @@ def _measure(scene: Scene, watch: Watch) -> Measured:
         for place, knob in enumerate(knobs)
     }
     known = {alone(place, i): fault for place, ladder in enumerate(own) for i, fault in enumerate(ladder)}
-    search = Search(own, cost, view.picture, view.allowed, known)
+    search = Search(own, cost, view.picture, view.final, known)
     return Measured(scene, knobs, ladders, search, view)
 
 
