@@ -104,7 +104,7 @@ def _one(equation: Any, loops: tuple[float, ...], size: int) -> float:
             return work_of(part.jaxpr if isinstance(part, core.ClosedJaxpr) else part, loops, size)
     shapes = [variable.aval for variable in (*equation.invars, *equation.outvars)]
     numbers = [shape for shape in shapes if jax.numpy.issubdtype(shape.dtype, np.inexact)]
-    bytes_each = (numbers and size) or max(np.dtype(shape.dtype).itemsize for shape in numbers or shapes)
+    bytes_each = size if size and numbers else max(np.dtype(shape.dtype).itemsize for shape in numbers or shapes)
     price = _PRICES.get(name, _PLAIN).get(bytes_each, 1.0)
     return price * _elements(name, parameters, [shape.shape for shape in shapes])
 

@@ -19,8 +19,10 @@ from brdfcheck import plots
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.budgets import knobs, programs, report, scenes
 from brdfcheck.budgets import measure as measuring
-from brdfcheck.budgets.measure import REFUSED, Budget, BudgetError, Fault, Search, full_model, measure
-from brdfcheck.budgets.programs import Beside, Compiler, beside, irradiance, room_numbers
+from brdfcheck.budgets.measure import Budget, BudgetError, full_model, measure
+from brdfcheck.budgets.programs import Beside, Compiler, beside
+from brdfcheck.budgets.room import irradiance, room_numbers
+from brdfcheck.budgets.search import REFUSED, Fault, Search
 from brdfcheck.messages import UsageError
 from brdfcheck.operations import traced
 from brdfcheck.scene.artistic import Highlight, Translucent
@@ -194,6 +196,30 @@ def test_the_work_of_the_parts_is_that_of_the_whole(document):
             lambda numbers, plan=plan: programs._picture(scene, plan, numbers), numbers, loops=(plan.bounces or 0.0,)
         )
         assert work_of(Compiler(scene), plan) == pytest.approx(whole, rel=1e-3)
+
+
+FAR = {"kind": "perspective", "eye": [0.5, 0.3, 20], "target": [2, 0.5, 0]}
+
+
+@pytest.mark.parametrize("camera", [FAR, {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}])
+@pytest.mark.parametrize("shape", [{"geometry": {"kind": "icosphere", "level": 2}}, {}])
+def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
+    scene = scenes.parse_scene({**GLOSSY, "size": [40, 60], "camera": camera, "background": [0.1, 0.2, 0.3], **shape})
+    window = next(knob for knob in knobs.knobs_of(scene) if knob.name == "window")
+    compiler = Compiler(scene)
+    full, part = (knobs.plan_of(scene, {"window": rung}) for rung in reversed(window.rungs))
+    assert full.window is None
+    assert part.window is not None
+    top, bottom, left, right = part.window
+    covered = np.argwhere(compiler.picture(full).covered)
+    np.testing.assert_array_less([top - 1, left - 1], covered.min(axis=0))
+    np.testing.assert_array_less(covered.max(axis=0), [bottom, right])
+    assert (bottom - top) * (right - left) < 6 * len(covered)
+    for image in (compiler.picture(part).image, compiler.program(part).image()):
+        np.testing.assert_allclose(image, compiler.program(full).image(), atol=1e-13)
+    np.testing.assert_array_equal(compiler.picture(part).covered, compiler.picture(full).covered)
+    outside = 40 * 60 - (bottom - top) * (right - left)
+    assert work_of(compiler, full) - work_of(compiler, part) >= 0.99 * outside * compiler.shading(full) > 0
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ colours in [0, 1] and no BRDFs, for which the law says nothing: a stand-in there
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -63,6 +64,8 @@ _FITTED = MappingProxyType({
 _BOUNCES = (0, 1, 2, 4, 8, 16, 32)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _TABLES = (8, 32, 128)
+# A box around the object is tried where it is less than this part of the picture.
+_MOST_WINDOW = 0.9
 _SHADINGS = ("flat", "Gouraud", "Phong")
 PRECISIONS = ("float16", "float32", "float64")
 _FRESNELS = ("none", "schlick", "exact")
@@ -123,6 +126,10 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
             found.append(Knob("facets", "facets and interpolation", rungs))
         elif len(shadings) > 1:
             found.append(Knob("shading", "interpolation", shadings))
+    top, bottom, left, right = _window(scene)
+    if (bottom - top) * (right - left) < _MOST_WINDOW * math.prod(scene.picture.size):
+        around = f"rows {top} to {bottom}, columns {left} to {right}"
+        found.append(Knob("window", "pixels shaded", (around, "all")))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
     if glossy := _surrounded(scene):
@@ -136,6 +143,34 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
     return (*found, Knob("precision", "precision", PRECISIONS))
 
 
+def _numbers_in(rung: str) -> tuple[int, int, int, int]:
+    top, bottom, left, right = map(int, re.findall(r"\d+", rung))
+    return top, bottom, left, right
+
+
+def _window(scene: Scene) -> tuple[int, int, int, int]:
+    """Rows and columns (from, to) of a box of pixels around the object."""
+    picture = scene.picture
+    if picture.mesh is not None:
+        points = np.asarray(picture.mesh.vertices, float).T
+    else:
+        # Corners of a polyhedron around the sphere.
+        polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 33), np.linspace(0, 2 * np.pi, 64))
+        unit = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]).reshape(3, -1)
+        center = np.asarray(picture.options.get("center", (0.0, 0.0, 0.0)), float)
+        points = center[:, None] + 1.02 * float(picture.options.get("radius", 1.0)) * unit
+    shown = picture.camera.project(jnp.asarray(points), picture.size)
+    if not np.all(shown.in_front):
+        return 0, picture.size[0], 0, picture.size[1]
+    x, y = np.asarray(shown.screen, float)
+    ends = [
+        int(np.clip(end, 0, most))
+        for axis, most in zip((y, x), picture.size, strict=True)
+        for end in (np.floor(axis.min()) - 1, np.ceil(axis.max()) + 1)
+    ]
+    return ends[0], ends[1], ends[2], ends[3]
+
+
 def _level(faces: int) -> int:
     return round(np.log(faces / 20) / np.log(4))
 
@@ -146,6 +181,7 @@ class Plan:
 
     `facets`: (level of an icosphere or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for
     all.
+    `window`: rows and columns of the picture that are shaded, None for all.
     `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself. `table`: at how many cosines what is
     reflected of a surrounding is computed, to be looked up in each pixel; None to compute it there.
     """
@@ -157,6 +193,7 @@ class Plan:
     bounces: int | None = None
     quadrature: int | None = None
     table: int | None = None
+    window: tuple[int, int, int, int] | None = None
 
 
 def plan_of(scene: Scene, choice: Choice) -> Plan:
@@ -183,6 +220,7 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
         None if bounces == "all" else int(bounces),
         int(surrounding.split()[0]) if surrounding.endswith("nodes") else None,
         int(surrounding.split()[-1]) if surrounding.startswith("table") else None,
+        None if choice.get("window", "all") == "all" else _numbers_in(choice["window"]),
     )
 
 
