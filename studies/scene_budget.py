@@ -17,8 +17,12 @@ from __future__ import annotations
 
 import base64
 import io
+import tempfile
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+import trimesh
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.image import imread
@@ -38,6 +42,14 @@ SHINY = {"brdf": "cook-torrance", "tint": [0.95, 0.75, 0.4], "m": 0.12, "fresnel
 WINDOW = {"kind": "polygon", "vertices": [[2, -1, -0.5], [2, 1, -0.5], [2, 1, 1.5], [2, -1, 1.5]], "intensity": 1.5}
 LAMP = {"kind": "point", "constant_attenuation": 0, "quadratic_attenuation": 1}
 SUN = {"kind": "distant", "direction": [1, 1, 1], "intensity": 3}
+
+
+def _many_lights(count: int) -> list[dict[str, Any]]:
+    """Lamps all around, of brightness from 1 to a thousandth."""
+    ways = np.random.default_rng(30).normal((0, 0.5, 1), size=(count, 3))
+    places = 20 * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    return [{**LAMP, "position": place.tolist(), "intensity": 200 * 1e-3 ** (k / count)} for k, place in enumerate(places)]
+
 
 # What is said of a scene, and the scene.
 SCENES: dict[str, dict[str, Any]] = {
@@ -64,7 +76,47 @@ SCENES: dict[str, dict[str, Any]] = {
         "size": 32, "geometry": {"kind": "icosphere", "level": 4}, "material": MATT, "lights": [SUN],
         "matters": {"pixel": "8/255", "silhouette": False},
     },
+    "a glossy ball in a room, by a window": {
+        "size": 160, "material": GLOSSY, "room": {"reflectance": 0.6, "emission": 0.8, "cells": 10},
+        "lights": [{**WINDOW, "matt_only": True}, {**LAMP, "position": [3, 3, 4], "intensity": 30}],
+    },
+    "a coloured ball under 30 lights": {
+        "size": 256, "lights": _many_lights(30), "material": {"kind": "surface", "terms": [
+            {"brdf": "lambert", "tint": {"wavelengths": [400, 550, 700], "reflectance": [0.1, 0.6, 0.4]}},
+        ]},
+    },
+    "a metal ball under an even sky": {
+        "size": 24, "material": {"kind": "surface", "terms": [{**SHINY, "m": 0.3}]},
+        "lights": [{"kind": "environment", "intensity": 0.7}, SUN],
+    },
+    "a large floor with a small ball": {
+        "size": 256, "camera": {"kind": "perspective", "eye": [0, 4, 14]}, "material": MATT, "balls": "floor",
+        "lights": [{**LAMP, "position": [30, 40, 50], "intensity": 9000}, {"kind": "ambient", "intensity": 0.1}],
+    },
+    "a dense mesh far away": {
+        "size": 128, "geometry": {"kind": "icosphere", "level": 5}, "material": MATT, "lights": [SUN],
+        "camera": {"kind": "perspective", "eye": [0, 0, 40]}, "matters": {"pixel": "2/255", "silhouette": False},
+    },
+    "many balls under two lamps with a face": {
+        "size": 128, "camera": {"kind": "orthographic", "half_height": 4}, "material": MATT, "balls": "nine",
+        "lights": [WINDOW, {"kind": "polygon", "vertices": [[-4, 8, -4], [4, 8, -4], [4, 8, 4], [-4, 8, 4]], "intensity": 0.5}],
+    },
 }  # fmt: skip
+
+
+def _document(scene: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The scene with a file for the mesh of several balls, or of one on a floor."""
+    if "balls" not in scene:
+        return scene
+    scene, path = dict(scene), folder / "balls.ply"
+    ball = trimesh.creation.icosphere(3)
+    if scene.pop("balls") == "floor":
+        floor = trimesh.Trimesh([[-9, -1, 9], [9, -1, 9], [9, -1, -9], [-9, -1, -9]], [[0, 1, 2], [0, 2, 3]])
+        parts = [floor, ball.copy().apply_scale(0.5).apply_translation([0, -0.5, 0])]
+    else:
+        parts = [ball.copy().apply_translation([x, y, 0]) for x in (-2.5, 0, 2.5) for y in (-2.5, 0, 2.5)]
+    trimesh.util.concatenate(parts).export(path)
+    return scene | {"geometry": {"kind": "mesh", "file": str(path)}}
 
 
 def run(size: str = "full") -> dict[str, Any]:
@@ -77,7 +129,9 @@ def run(size: str = "full") -> dict[str, Any]:
 
     full, results = size == "full", []
     for name, scene in SCENES.items() if full else list(SCENES.items())[3:5]:
-        found = budget(scene if full else {**scene, "size": 24})
+        with tempfile.TemporaryDirectory() as folder:
+            document = _document(scene, Path(folder))
+            found = budget(document if full else {**document, "size": 24})
         images = (found.reference, found.image, report.difference(found))
         codes = [base64.b64encode(with_few_colours(png_bytes(thumbnail(image)))).decode() for image in images]
         told = report.document(found)

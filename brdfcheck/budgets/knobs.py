@@ -8,6 +8,7 @@ colours in [0, 1] and no BRDFs, for which the law says nothing: a stand-in there
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -66,6 +67,7 @@ _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _TABLES = (8, 32, 128)
 # A box around the object is tried where it is less than this part of the picture.
 _MOST_WINDOW = 0.9
+_FEW = 8  # numbers of lights of which each is tried
 _SHADINGS = ("flat", "Gouraud", "Phong")
 PRECISIONS = ("float16", "float32", "float64")
 _FRESNELS = ("none", "schlick", "exact")
@@ -139,7 +141,9 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
         rungs += [f"table of {count}" for count in _TABLES if count < math.prod(scene.picture.size)]
         found.append(Knob("surrounding", "albedo under the surrounding", (*rungs, "furnace")))
     if len(lights) > 1:
-        found.append(Knob("lights", "lights", tuple(f"{count} of {len(lights)}" for count in range(1, len(lights) + 1))))
+        # Of many lights not every number.
+        counts = {len(lights), *(count for count in range(1, len(lights)) if count <= _FEW or count % (1 + count // _FEW) == 0)}
+        found.append(Knob("lights", "lights", tuple(f"{count} of {len(lights)}" for count in sorted(counts))))
     return (*found, Knob("precision", "precision", PRECISIONS))
 
 
@@ -206,15 +210,13 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
     elif mesh is not None:
         facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
     bounces, surrounding = choice.get("bounces", "all"), choice.get("surrounding", "furnace")
-    lights = scene.picture.lights
-    center = np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
+    lights = _lights(scene, choice.get("light", "polygon"))
     if "lights" in choice:
-        strength = [float(jnp.sum(_irradiance(light, center))) for light in lights]
-        kept = sorted(range(len(lights)), key=lambda i: -strength[i])[: int(choice["lights"].split()[0])]
-        lights = [lights[i] for i in sorted(kept)]
+        kept = _by_strength(scene)[: int(choice["lights"].split()[0])]
+        lights = tuple(lights[i] for i in sorted(kept))
     return Plan(
-        _material(scene.picture.material, choice),
-        tuple(_light(light, choice.get("light", "polygon"), center) for light in lights),
+        _material_of(scene, tuple(item for item in choice.items() if item[0] in ("lobe", "fresnel", "metal"))),
+        lights,
         choice.get("precision", "float64"),
         facets,
         None if bounces == "all" else int(bounces),
@@ -334,6 +336,27 @@ class Painted(AbstractMaterial):
 
 
 # --- lights ---
+
+
+@functools.lru_cache(256)
+def _material_of(scene: Scene, choice: tuple[tuple[str, str], ...]) -> AbstractMaterial:
+    return _material(scene.picture.material, dict(choice))
+
+
+def _center(scene: Scene) -> np.ndarray:
+    return np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
+
+
+@functools.lru_cache(16)
+def _lights(scene: Scene, model: str) -> tuple[AbstractLight, ...]:
+    return tuple(_light(light, model, _center(scene)) for light in scene.picture.lights)
+
+
+@functools.lru_cache(16)
+def _by_strength(scene: Scene) -> list[int]:
+    """The numbers of the lights, from the one that is brightest at the object's centre."""
+    strength = [float(jnp.sum(_irradiance(light, _center(scene)))) for light in scene.picture.lights]
+    return sorted(range(len(strength)), key=lambda i: -strength[i])
 
 
 def _light(light: AbstractLight, model: str, center: np.ndarray) -> AbstractLight:

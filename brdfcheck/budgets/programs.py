@@ -118,7 +118,8 @@ class Compiler:
         room = None
         if self.scene.room is not None:
             given = {name: numbers[name] for name in ("room", "bounces")}
-            room = self._jit(("moments", plan.bounces is None, dtype), lambda given: _moments(plan, given))(given)
+            step = self._jit(("moments", plan.bounces is None, dtype), lambda given: _moments(plan, given))
+            room = self._once(("moments", plan.bounces, dtype, "found"), lambda: step(given))
 
         def look(material: Any, lights: Any, room: Any, block: Array) -> Array:
             return _shader(plan, {"material": material, "lights": lights}, room)(*map(Vector._make, block))
