@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -163,7 +164,7 @@ def _window(scene: Scene) -> tuple[int, int, int, int]:
         unit = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]).reshape(3, -1)
         center = np.asarray(picture.options.get("center", (0.0, 0.0, 0.0)), float)
         points = center[:, None] + 1.02 * float(picture.options.get("radius", 1.0)) * unit
-    shown = picture.camera.project(jnp.asarray(points), picture.size)
+    shown = jax.jit(lambda camera, points: camera.project(points, picture.size))(picture.camera, jnp.asarray(points))
     if not np.all(shown.in_front):
         return 0, picture.size[0], 0, picture.size[1]
     x, y = np.asarray(shown.screen, float)

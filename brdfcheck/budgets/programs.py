@@ -166,7 +166,7 @@ class Compiler:
         if mesh is None:
             return numbers
         own = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
-        return numbers | {name: jnp.pad(numbers[name], ((0, most - len(numbers[name])), (0, 0))) for name, most in own.items()}
+        return numbers | {name: np.pad(numbers[name], ((0, most - len(numbers[name])), (0, 0))) for name, most in own.items()}
 
     def _once(self, key: Any, make: Callable[[], Any]) -> Any:
         if key not in self._known:
