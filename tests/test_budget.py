@@ -24,7 +24,7 @@ from brdfcheck.budgets.programs import Beside, Compiler, beside
 from brdfcheck.budgets.room import irradiance, room_numbers
 from brdfcheck.budgets.search import REFUSED, Fault, Search
 from brdfcheck.messages import UsageError
-from brdfcheck.operations import traced
+from brdfcheck.operations import program_of, traced
 from brdfcheck.scene.artistic import Highlight, Translucent
 from brdfcheck.scene.images import codes
 from brdfcheck.scene.lights import Distant, Polygon
@@ -199,6 +199,29 @@ def test_the_work_of_the_parts_is_that_of_the_whole(document):
 
 
 FAR = {"kind": "perspective", "eye": [0.5, 0.3, 20], "target": [2, 0.5, 0]}
+
+
+def test_of_many_lights_not_every_number_is_tried_and_each_kind_is_traced_once(monkeypatch):
+    lights = [{**DISTANT, "direction": [1, k / 9, 1], "intensity": 0.1 * 0.8**k} for k in range(30)]
+    lamps = [{"kind": "point", "position": [9, k, 9], "intensity": 0.01} for k in range(4)]
+    scene = scenes.parse_scene({"size": 12, "material": MATT, "lights": lights + lamps})
+    rungs = next(knob.rungs for knob in knobs.knobs_of(scene) if knob.name == "lights")
+    counts = [int(rung.split()[0]) for rung in rungs]
+    assert counts[:8] == list(range(1, 9))
+    assert counts[-1] == 34
+    assert counts == sorted(set(counts))
+    assert 12 <= len(counts) < 22
+    traces = []
+    monkeypatch.setattr(programs, "program_of", lambda *a: traces.append(None) or program_of(*a))
+    compiler = Compiler(scene)
+    works = [work_of(compiler, knobs.plan_of(scene, {"lights": rung})) for rung in rungs]
+    assert len(traces) < 10
+    assert all(more > fewer for fewer, more in itertools.pairwise(works))
+    plan = knobs.plan_of(scene, {})
+    numbers = compiler._numbers(plan)
+    assert works[-1] == pytest.approx(traced(lambda numbers: programs._picture(scene, plan, numbers), numbers), rel=1e-3)
+    brightest = knobs.plan_of(scene, {"lights": rungs[4]}).lights
+    assert [float(light.intensity[0]) for light in brightest] == pytest.approx([0.1 * 0.8**k for k in range(5)])
 
 
 @pytest.mark.parametrize("camera", [FAR, {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}])
