@@ -567,7 +567,7 @@ def test_facets_approach_those_of_the_scene():
     scene = scenes.parse_scene(ICOSPHERE)
     compiler = Compiler(scene)
     full = compiler.picture(knobs.plan_of(scene, {}))
-    np.testing.assert_allclose(full.image(), scene.picture.render(), atol=2e-6)
+    np.testing.assert_allclose(full.image, scene.picture.render(), atol=2e-6)
     (ladder,) = (knob.rungs for knob in knobs.knobs_of(scene) if knob.name == "facets")
     assert ladder[0] == "20 faces, flat"
     assert ladder[-1] == "1280 faces, Phong"
