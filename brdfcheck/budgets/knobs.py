@@ -131,7 +131,7 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
             found.append(Knob("shading", "interpolation", shadings))
     top, bottom, left, right = _window(scene)
     if (bottom - top) * (right - left) < _MOST_WINDOW * math.prod(scene.picture.size):
-        around = f"rows {top} to {bottom}, columns {left} to {right}"
+        around = f"box {top}:{bottom}, {left}:{right}"
         found.append(Knob("window", "pixels shaded", (around, "all")))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
