@@ -77,28 +77,35 @@ def traced(function: Any, *arguments: Any, loops: tuple[float, ...] = ()) -> flo
     `loops`: how often loops go round of which that is known only when they run, from the outermost inwards; once by default.
     Of branches the dearest counts.
     """
-    return _of(jax.make_jaxpr(function)(*arguments).jaxpr, loops)
+    return work_of(program_of(function, *arguments), loops)
 
 
-def _of(program: core.Jaxpr, loops: tuple[float, ...]) -> float:
-    return sum(_one(equation, loops) for equation in program.eqns)
+def program_of(function: Any, *arguments: Any) -> core.Jaxpr:
+    """The traced program of a function."""
+    return jax.make_jaxpr(function)(*arguments).jaxpr
 
 
-def _one(equation: Any, loops: tuple[float, ...]) -> float:
+def work_of(program: core.Jaxpr, loops: tuple[float, ...] = (), size: int = 0) -> float:
+    """The work of a program, as `traced` counts it; with a `size` as if its numbers had so many bytes."""
+    return sum(_one(equation, loops, size) for equation in program.eqns)
+
+
+def _one(equation: Any, loops: tuple[float, ...], size: int) -> float:
     name, parameters = equation.primitive.name, equation.params
     if name == "while":
         rounds, inside = (loops[0], loops[1:]) if loops else (1.0, ())
-        return rounds * sum(_of(parameters[part].jaxpr, inside) for part in ("cond_jaxpr", "body_jaxpr"))
+        return rounds * sum(work_of(parameters[part].jaxpr, inside, size) for part in ("cond_jaxpr", "body_jaxpr"))
     if name == "scan":
-        return parameters["length"] * _of(parameters["jaxpr"].jaxpr, loops)
+        return parameters["length"] * work_of(parameters["jaxpr"].jaxpr, loops, size)
     if name == "cond":
-        return max(_of(branch.jaxpr, loops) for branch in parameters["branches"])
+        return max(work_of(branch.jaxpr, loops, size) for branch in parameters["branches"])
     for part in parameters.values():  # a function that is called, or one with a derivative of its own
         if isinstance(part, core.ClosedJaxpr | core.Jaxpr):
-            return _of(part.jaxpr if isinstance(part, core.ClosedJaxpr) else part, loops)
+            return work_of(part.jaxpr if isinstance(part, core.ClosedJaxpr) else part, loops, size)
     shapes = [variable.aval for variable in (*equation.invars, *equation.outvars)]
-    numbers = [shape for shape in shapes if jax.numpy.issubdtype(shape.dtype, np.inexact)] or shapes
-    price = _PRICES.get(name, _PLAIN).get(max(np.dtype(shape.dtype).itemsize for shape in numbers), 1.0)
+    numbers = [shape for shape in shapes if jax.numpy.issubdtype(shape.dtype, np.inexact)]
+    bytes_each = size if size and numbers else max(np.dtype(shape.dtype).itemsize for shape in numbers or shapes)
+    price = _PRICES.get(name, _PLAIN).get(bytes_each, 1.0)
     return price * _elements(name, parameters, [shape.shape for shape in shapes])
 
 

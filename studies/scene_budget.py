@@ -100,7 +100,9 @@ def plot(record: dict[str, Any]) -> Any:
                 axes.set_title(title if number == 0 else "", fontsize=9)
             report.draw(row[3], result)
             row[3].set_xlabel(row[3].get_xlabel() if number == len(results) - 1 else "")
-            chosen = ", ".join(f"{part['title']} {part['rung']}" for part in result["results"])
+            # What is as in the full model needs no words.
+            turned = [part for part in result["results"] if part["rung"] != part["ladder"][-1]["rung"]]
+            chosen = ", ".join(f"{part['title']} {part['rung']}" for part in turned)
             text = f"{result['name']}: {result['summary']['saving']:.1f} times faster with {chosen}"
             place = {"xycoords": "axes fraction", "textcoords": "offset points"}
             row[0].annotate(text, (0, 1), (0, 20 if number == 0 else 7), fontsize=9, weight="bold", **place).set_in_layout(

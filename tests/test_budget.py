@@ -19,10 +19,12 @@ from brdfcheck import plots
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.budgets import knobs, programs, report, scenes
 from brdfcheck.budgets import measure as measuring
-from brdfcheck.budgets.measure import REFUSED, Budget, BudgetError, Fault, Search, full_model, measure
-from brdfcheck.budgets.programs import Beside, Compiler, beside, irradiance, room_numbers
+from brdfcheck.budgets.measure import Budget, BudgetError, full_model, measure
+from brdfcheck.budgets.programs import Beside, Compiler, beside
+from brdfcheck.budgets.room import irradiance, room_numbers
+from brdfcheck.budgets.search import REFUSED, Fault, Search
 from brdfcheck.messages import UsageError
-from brdfcheck.operations import traced
+from brdfcheck.operations import program_of, traced
 from brdfcheck.scene.artistic import Highlight, Translucent
 from brdfcheck.scene.images import codes
 from brdfcheck.scene.lights import Distant, Polygon
@@ -80,7 +82,9 @@ def searches(draw):
             share[one] * sum(own[k][i].pixel for k, i in enumerate(one)), sum(own[k][i].energy for k, i in enumerate(one))
         )
 
-    return lambda: Search(own, cost.__getitem__, picture, lambda one: one not in forbidden), combinations
+    return lambda: Search(
+        own, cost.__getitem__, picture, lambda one: REFUSED if one in forbidden else Fault(0, 0)
+    ), combinations
 
 
 @settings(max_examples=300)  # no picture is made
@@ -104,7 +108,7 @@ def test_the_choice_is_monotone_and_does_not_depend_on_what_was_asked_before(mad
             for other in combinations
             if search.least(other).within(Fault(tolerance, energy))
             and search.error(other).within(Fault(tolerance, energy))
-            and search.allowed(other)
+            and search.program(other) != REFUSED
         ]
         assert search.cost(one) == min(map(search.cost, good))
 
@@ -142,9 +146,13 @@ def test_the_frontier_has_every_known_error():
     own = [[Fault(0.3, 0), Fault(0.1, 0), Fault(0, 0)], [Fault(0.2, 0), Fault(0, 0)]]
     costs: dict[Any, float] = {(0, 1): 0.3, (1, 1): 0.5, (2, 0): 0.5, (2, 1): 1.0, (0, 0): 0.1, (1, 0): 0.3}
     known: dict[Any, Fault] = {(0, 1): Fault(0.3, 0), (1, 1): Fault(0.1, 0), (2, 0): Fault(0.2, 0), (2, 1): Fault(0, 0)}
-    search = Search(own, lambda one: costs[one], lambda _: Fault(0.5, 0), lambda one: one != (1, 1), dict(known))
+
+    def refuse(one):
+        return REFUSED if one == (1, 1) else Fault(0, 0)
+
+    search = Search(own, lambda one: costs[one], lambda _: Fault(0.5, 0), refuse, dict(known))
     assert search.frontier() == [(0, 1), (1, 1), (2, 1)]
-    assert search.best(Fault(0.15, 1)) == (2, 1)  # (1, 1) is not allowed, which is known from now on
+    assert search.best(Fault(0.15, 1)) == (2, 1)  # (1, 1) is refused, which is known from now on
     assert search.frontier() == [(0, 1), (2, 0), (2, 1)]
 
 
@@ -190,6 +198,78 @@ def test_the_work_of_the_parts_is_that_of_the_whole(document):
         assert work_of(Compiler(scene), plan) == pytest.approx(whole, rel=1e-3)
 
 
+FAR = {"kind": "perspective", "eye": [0.5, 0.3, 20], "target": [2, 0.5, 0]}
+
+
+def test_of_many_lights_not_every_number_is_tried_and_each_kind_is_traced_once(monkeypatch):
+    lights = [{**DISTANT, "direction": [1, k / 9, 1], "intensity": 0.1 * 0.8**k} for k in range(30)]
+    lamps = [{"kind": "point", "position": [9, k, 9], "intensity": 0.01} for k in range(4)]
+    scene = scenes.parse_scene({"size": 12, "material": MATT, "lights": lights + lamps})
+    rungs = next(knob.rungs for knob in knobs.knobs_of(scene) if knob.name == "lights")
+    counts = [int(rung.split()[0]) for rung in rungs]
+    assert counts[:8] == list(range(1, 9))
+    assert counts[-1] == 34
+    assert counts == sorted(set(counts))
+    assert 12 <= len(counts) < 22
+    traces = []
+    monkeypatch.setattr(programs, "program_of", lambda *a: traces.append(None) or program_of(*a))
+    compiler = Compiler(scene)
+    works = [work_of(compiler, knobs.plan_of(scene, {"lights": rung})) for rung in rungs]
+    assert len(traces) < 10
+    assert all(more > fewer for fewer, more in itertools.pairwise(works))
+    plan = knobs.plan_of(scene, {})
+    numbers = compiler._numbers(plan)
+    assert works[-1] == pytest.approx(traced(lambda numbers: programs._picture(scene, plan, numbers), numbers), rel=1e-3)
+    brightest = knobs.plan_of(scene, {"lights": rungs[4]}).lights
+    assert [float(light.intensity[0]) for light in brightest] == pytest.approx([0.1 * 0.8**k for k in range(5)])
+
+
+@pytest.mark.parametrize("camera", [FAR, {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}])
+@pytest.mark.parametrize("shape", [{"geometry": {"kind": "icosphere", "level": 2}}, {}])
+def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
+    scene = scenes.parse_scene({**GLOSSY, "size": [40, 60], "camera": camera, "background": [0.1, 0.2, 0.3], **shape})
+    window = next(knob for knob in knobs.knobs_of(scene) if knob.name == "window")
+    compiler = Compiler(scene)
+    full, part = (knobs.plan_of(scene, {"window": rung}) for rung in reversed(window.rungs))
+    assert full.window is None
+    assert part.window is not None
+    top, bottom, left, right = part.window
+    covered = np.argwhere(compiler.picture(full).covered)
+    np.testing.assert_array_less([top - 1, left - 1], covered.min(axis=0))
+    np.testing.assert_array_less(covered.max(axis=0), [bottom, right])
+    assert (bottom - top) * (right - left) < 6 * len(covered)
+    for image in (compiler.picture(part).image, compiler.program(part).image()):
+        np.testing.assert_allclose(image, compiler.program(full).image(), atol=1e-13)
+    np.testing.assert_array_equal(compiler.picture(part).covered, compiler.picture(full).covered)
+    outside = 40 * 60 - (bottom - top) * (right - left)
+    assert work_of(compiler, full) - work_of(compiler, part) >= 0.99 * outside * compiler.shading(full) > 0
+
+
+@pytest.mark.parametrize(
+    ("document", "choices"),
+    [
+        (GLOSSY, [{}, {"precision": "float32", "light": "distant"}, {"lobe": "Lyon w=2, exact factor"}]),
+        ({"size": 20, "material": MATT, "lights": [PANEL], "room": ROOM}, [{}, {"bounces": "2", "precision": "float32"}]),
+        (
+            {"size": 20, "geometry": {"kind": "icosphere", "level": 2}, **{key: GLOSSY[key] for key in ("material", "lights")}},
+            [{}, *({"facets": f"80 faces, {name}"} for name in ("flat", "Gouraud", "Phong"))],
+        ),
+        ({"size": 20, "material": {"kind": "translucent", "base": 0.5}, "lights": [DISTANT]}, [{}, {"lobe": "Schlick"}]),
+    ],
+)
+def test_a_picture_by_steps_is_that_of_its_program(document, choices):
+    scene = scenes.parse_scene({**document, "background": [0.1, 0.2, 0.3]})
+    compiler, shown = Compiler(scene), []
+    for choice in choices:
+        plan = knobs.plan_of(scene, choice)
+        picture, image = compiler.picture(plan), compiler.program(plan).image()
+        assert picture.image.dtype == image.dtype
+        np.testing.assert_allclose(picture.image, image, rtol=0, atol=20 * np.finfo(image.dtype).eps)
+        np.testing.assert_allclose(image[:, ~picture.covered].T, [[0.1, 0.2, 0.3]] * (~picture.covered).sum(), rtol=1e-6)
+        shown.append(picture.image)
+    assert all(np.abs(one - shown[0]).max() > 1e-9 for one in shown[1:])
+
+
 @pytest.mark.slow
 def test_the_choice_is_the_cheapest_of_all_combinations():
     panel = {**PANEL, "horizon_clipping": False}
@@ -197,16 +277,15 @@ def test_the_choice_is_the_cheapest_of_all_combinations():
     measured = measure(scene)
     # By all pictures and works, without the search, and of works without what is shared between combinations.
     compiler = measured.view.compiler
-    full = compiler.program(knobs.plan_of(scene, {}))
     table = []
     for rungs in itertools.product(*(knob.rungs for knob in measured.knobs)):
         choice = {knob.name: rung for knob, rung in zip(measured.knobs, rungs, strict=True)}
         try:
             plan = knobs.plan_of(scene, choice)
-            image = compiler.program(plan).image()
+            picture = compiler.picture(plan)
         except NotImplementedError:
             continue
-        table.append((work_of(Compiler(scene), plan), measured.view.fault(full, image).pixel, choice))
+        table.append((work_of(Compiler(scene), plan), measured.view.fault(picture).pixel, choice))
     assert len(table) > 60
     for tolerance in (0.0, 1e-4, 0.5 / 255, 3 / 255, 0.05, 0.2, 1.0):
         found = measured.choose(tolerance)
@@ -270,7 +349,7 @@ def test_the_full_model_is_the_scene_as_render_shows_it(glossy):
 
     picture = scenes.parse_scene(GLOSSY).picture
     shown = sphere_image(picture.material, picture.lights, picture.camera, size=picture.size, dtype=jnp.float64)
-    np.testing.assert_allclose(glossy.view.reference, shown, atol=1e-13)
+    np.testing.assert_allclose(glossy.view.whole, shown, atol=1e-13)
 
 
 def test_what_does_not_conserve_is_never_chosen(glossy):
@@ -487,27 +566,25 @@ def test_lights_that_do_not_matter_are_left_out():
 def test_facets_approach_those_of_the_scene():
     scene = scenes.parse_scene(ICOSPHERE)
     compiler = Compiler(scene)
-    full = compiler.program(knobs.plan_of(scene, {}))
-    np.testing.assert_allclose(full.image(), scene.picture.render(), atol=2e-6)
+    full = compiler.picture(knobs.plan_of(scene, {}))
+    np.testing.assert_allclose(full.image, scene.picture.render(), atol=2e-6)
     (ladder,) = (knob.rungs for knob in knobs.knobs_of(scene) if knob.name == "facets")
     assert ladder[0] == "20 faces, flat"
     assert ladder[-1] == "1280 faces, Phong"
-    last = compiler.program(knobs.plan_of(scene, {"facets": ladder[-1]}))
-    np.testing.assert_allclose(last.image(), full.image(), atol=1e-12)
+    last = compiler.picture(knobs.plan_of(scene, {"facets": ladder[-1]}))
+    np.testing.assert_allclose(last.image, full.image, atol=1e-12)
     found = []
     for name in ("20 faces, flat", "320 faces, Phong"):
-        program = compiler.program(knobs.plan_of(scene, {"facets": name}))
-        both = program.covered() & full.covered()
-        assert 200 < both.sum() <= full.covered().sum()
-        found.append(np.abs(program.image() - full.image())[:, both].max())
+        picture = compiler.picture(knobs.plan_of(scene, {"facets": name}))
+        both = picture.covered & full.covered
+        assert 200 < both.sum() <= full.covered.sum()
+        found.append(np.abs(picture.image - full.image)[:, both].max())
     assert found[0] > 2 * found[1] > 0
 
 
 def test_a_picture_that_does_not_repeat_is_an_error(glossy, monkeypatch):
-    fault = glossy.view.fault
-    monkeypatch.setattr(
-        type(glossy.view), "fault", lambda self, program, image=None: fault(program, None if image is None else image + 1)
-    )
+    verified = glossy.view.verified
+    monkeypatch.setattr(type(glossy.view), "verified", lambda self, one, image: verified(one, image + 1))
     with pytest.raises(
         BudgetError,
         match=r"rendered again, the chosen combination errs \S+ \(energy \S+\) where 0.00196 \(energy \S+\) is allowed",
@@ -545,7 +622,8 @@ def test_what_clearly_takes_longer_than_the_full_model_is_not_chosen(monkeypatch
     search.__post_init__()
     # A quarter of the rounds in which it took less, by chance as on a busy machine, is no reason to take another one.
     for ratios, chosen in (((1.5, 2.0, 2.5), full), ((0.9, 1.3, 9.0), search.order[0]), ((0.4, 0.5, 0.6), search.order[0])):
-        search._verdicts.clear()
+        search._final.clear()
+        search.errors.clear()
         monkeypatch.setattr(type(measured.view), "time", lambda self, program, ratios=ratios: Beside(1.0, ratios))
         found = search.best(Fault(1.0, math.inf))
         assert found == chosen

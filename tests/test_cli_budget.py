@@ -83,9 +83,7 @@ def test_a_picture_that_does_not_repeat(scene, capsys, monkeypatch):
     from brdfcheck.budgets.measure import measure
 
     view = measure(scene).view
-    fault = view.fault
-    monkeypatch.setattr(
-        type(view), "fault", lambda self, program, image=None: fault(program, None if image is None else image + 0.1)
-    )
+    verified = view.verified
+    monkeypatch.setattr(type(view), "verified", lambda self, one, image: verified(one, image + 0.1))
     assert run(["budget", str(scene)]) == 1
     assert "rendered again, the chosen combination errs" in capsys.readouterr().out

@@ -8,12 +8,15 @@ colours in [0, 1] and no BRDFs, for which the law says nothing: a stand-in there
 
 from __future__ import annotations
 
+import functools
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -63,6 +66,9 @@ _FITTED = MappingProxyType({
 _BOUNCES = (0, 1, 2, 4, 8, 16, 32)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _TABLES = (8, 32, 128)
+# A box around the object is tried where it is less than this part of the picture.
+_MOST_WINDOW = 0.9
+_FEW = 8  # numbers of lights of which each is tried
 _SHADINGS = ("flat", "Gouraud", "Phong")
 PRECISIONS = ("float16", "float32", "float64")
 _FRESNELS = ("none", "schlick", "exact")
@@ -123,6 +129,10 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
             found.append(Knob("facets", "facets and interpolation", rungs))
         elif len(shadings) > 1:
             found.append(Knob("shading", "interpolation", shadings))
+    top, bottom, left, right = _window(scene)
+    if (bottom - top) * (right - left) < _MOST_WINDOW * math.prod(scene.picture.size):
+        around = f"box {top}:{bottom}, {left}:{right}"
+        found.append(Knob("window", "pixels shaded", (around, "all")))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
     if glossy := _surrounded(scene):
@@ -132,8 +142,38 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
         rungs += [f"table of {count}" for count in _TABLES if count < math.prod(scene.picture.size)]
         found.append(Knob("surrounding", "albedo under the surrounding", (*rungs, "furnace")))
     if len(lights) > 1:
-        found.append(Knob("lights", "lights", tuple(f"{count} of {len(lights)}" for count in range(1, len(lights) + 1))))
+        # Of many lights not every number.
+        counts = {len(lights), *(count for count in range(1, len(lights)) if count <= _FEW or count % (1 + count // _FEW) == 0)}
+        found.append(Knob("lights", "lights", tuple(f"{count} of {len(lights)}" for count in sorted(counts))))
     return (*found, Knob("precision", "precision", PRECISIONS))
+
+
+def _numbers_in(rung: str) -> tuple[int, int, int, int]:
+    top, bottom, left, right = map(int, re.findall(r"\d+", rung))
+    return top, bottom, left, right
+
+
+def _window(scene: Scene) -> tuple[int, int, int, int]:
+    """Rows and columns (from, to) of a box of pixels around the object."""
+    picture = scene.picture
+    if picture.mesh is not None:
+        points = np.asarray(picture.mesh.vertices, float).T
+    else:
+        # Corners of a polyhedron around the sphere.
+        polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 33), np.linspace(0, 2 * np.pi, 64))
+        unit = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]).reshape(3, -1)
+        center = np.asarray(picture.options.get("center", (0.0, 0.0, 0.0)), float)
+        points = center[:, None] + 1.02 * float(picture.options.get("radius", 1.0)) * unit
+    shown = jax.jit(lambda camera, points: camera.project(points, picture.size))(picture.camera, jnp.asarray(points))
+    if not np.all(shown.in_front):
+        return 0, picture.size[0], 0, picture.size[1]
+    x, y = np.asarray(shown.screen, float)
+    ends = [
+        int(np.clip(end, 0, most))
+        for axis, most in zip((y, x), picture.size, strict=True)
+        for end in (np.floor(axis.min()) - 1, np.ceil(axis.max()) + 1)
+    ]
+    return ends[0], ends[1], ends[2], ends[3]
 
 
 def _level(faces: int) -> int:
@@ -146,6 +186,7 @@ class Plan:
 
     `facets`: (level of an icosphere or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for
     all.
+    `window`: rows and columns of the picture that are shaded, None for all.
     `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself. `table`: at how many cosines what is
     reflected of a surrounding is computed, to be looked up in each pixel; None to compute it there.
     """
@@ -157,6 +198,7 @@ class Plan:
     bounces: int | None = None
     quadrature: int | None = None
     table: int | None = None
+    window: tuple[int, int, int, int] | None = None
 
 
 def plan_of(scene: Scene, choice: Choice) -> Plan:
@@ -169,20 +211,19 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
     elif mesh is not None:
         facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
     bounces, surrounding = choice.get("bounces", "all"), choice.get("surrounding", "furnace")
-    lights = scene.picture.lights
-    center = np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
+    lights = _lights(scene, choice.get("light", "polygon"))
     if "lights" in choice:
-        strength = [float(jnp.sum(_irradiance(light, center))) for light in lights]
-        kept = sorted(range(len(lights)), key=lambda i: -strength[i])[: int(choice["lights"].split()[0])]
-        lights = [lights[i] for i in sorted(kept)]
+        kept = _by_strength(scene)[: int(choice["lights"].split()[0])]
+        lights = tuple(lights[i] for i in sorted(kept))
     return Plan(
-        _material(scene.picture.material, choice),
-        tuple(_light(light, choice.get("light", "polygon"), center) for light in lights),
+        _material_of(scene, tuple(item for item in choice.items() if item[0] in ("lobe", "fresnel", "metal"))),
+        lights,
         choice.get("precision", "float64"),
         facets,
         None if bounces == "all" else int(bounces),
         int(surrounding.split()[0]) if surrounding.endswith("nodes") else None,
         int(surrounding.split()[-1]) if surrounding.startswith("table") else None,
+        None if choice.get("window", "all") == "all" else _numbers_in(choice["window"]),
     )
 
 
@@ -215,8 +256,9 @@ def refusal_of(scene: Scene, choice: Choice) -> str:
 def _material(material: Any, choice: Choice) -> AbstractMaterial:
     if isinstance(material, Surface):
         terms = [_term(term, choice) for term in material.terms]
-        for term in terms:
-            Surface(term)  # refuses, with the reason, a BRDF that does not conserve
+        for term, own in zip(terms, material.terms, strict=True):
+            if term is not own:
+                Surface(term)  # refuses, with the reason, a BRDF that does not conserve
         # The sum is checked when it is about to be chosen.
         return Surface(*terms, allow_unvalidated=True)
     if isinstance(material, Highlight | Translucent) and choice.get("lobe", "power") != "power":
@@ -295,6 +337,27 @@ class Painted(AbstractMaterial):
 
 
 # --- lights ---
+
+
+@functools.lru_cache(256)
+def _material_of(scene: Scene, choice: tuple[tuple[str, str], ...]) -> AbstractMaterial:
+    return _material(scene.picture.material, dict(choice))
+
+
+def _center(scene: Scene) -> np.ndarray:
+    return np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
+
+
+@functools.lru_cache(16)
+def _lights(scene: Scene, model: str) -> tuple[AbstractLight, ...]:
+    return tuple(_light(light, model, _center(scene)) for light in scene.picture.lights)
+
+
+@functools.lru_cache(16)
+def _by_strength(scene: Scene) -> list[int]:
+    """The numbers of the lights, from the one that is brightest at the object's centre."""
+    strength = [float(jnp.sum(_irradiance(light, _center(scene)))) for light in scene.picture.lights]
+    return sorted(range(len(strength)), key=lambda i: -strength[i])
 
 
 def _light(light: AbstractLight, model: str, center: np.ndarray) -> AbstractLight:

@@ -4,131 +4,41 @@ The reference is the full model: every knob at its dearest rung. Errors are thos
 (`brdfcheck.operations`), as shares of the full model's: the same in every process, so that the choice is, and stays monotone
 in the tolerance. Time is measured of the choice alone, beside the full model: it says what is really saved, and a combination
 that takes longer against the model's word is not chosen.
-
-Every combination has one fixed place in an order of cost and one fixed error, found when it is first asked for; the choice is
-the first one in that order that is good enough. So it is monotone by construction: what is good enough for a tolerance is good
-enough for a looser one, which therefore never costs more. The error of a combination is the largest of that of its own picture
-and those of its rungs, each alone in the full model: errors that happen to cancel in this one picture are not counted on, and
-a combination with a rung that is too bad by itself needs no picture.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from brdfcheck.budgets import scenes
 from brdfcheck.budgets.knobs import Knob, knobs_of, plan_of, refusal_of
-from brdfcheck.budgets.programs import Beside, Compiler, Image, Program, beside
+from brdfcheck.budgets.programs import Beside, Compiler, Image, Picture, Program, beside
 from brdfcheck.budgets.scenes import Scene
+from brdfcheck.budgets.search import REFUSED, Combination, Fault, Search
 from brdfcheck.documents import read_document
 from brdfcheck.messages import one_line
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.materials import NotConserving
+from brdfcheck.scene.smooth import refuse_behind
+from brdfcheck.scene.sphere import refuse_inside
 
-Combination = tuple[int, ...]
 Watch = Callable[[str], None]
 """Called with the name of what is rendered next."""
 
 
-class Fault(NamedTuple):
-    """The error of a pixel (units of full scale) and of the energy (relative); inf where a picture is refused."""
-
-    pixel: float
-    energy: float
-
-    def within(self, tolerance: Fault) -> bool:
-        """True where neither exceeds its tolerance."""
-        return self.pixel <= tolerance.pixel and self.energy <= tolerance.energy
-
-    def worse(self, other: Fault) -> Fault:
-        """The larger of each."""
-        return Fault(max(self.pixel, other.pixel), max(self.energy, other.energy))
-
-
-REFUSED = Fault(np.inf, np.inf)
-
-
-@dataclass
-class Search:
-    """Combinations of rungs, one of each ladder, in their order of cost.
-
-    `own`: for each ladder the errors of its rungs alone. `cost`: of a combination, a fixed number; of equal costs the smaller
-    sum of the rungs' errors comes first. `picture`: the error of a combination's picture, called once for each that is needed.
-    `allowed`: whether a combination may be chosen at all, called once for each that is good enough; by default any may.
-    `errors`: those that are known.
-    """
-
-    own: Sequence[Sequence[Fault]]
-    cost: Callable[[Combination], float]
-    picture: Callable[[Combination], Fault]
-    allowed: Callable[[Combination], bool] = field(default=lambda _: True)
-    errors: dict[Combination, Fault] = field(default_factory=dict)
-    _verdicts: dict[Combination, bool] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.order = sorted(itertools.product(*(range(len(ladder)) for ladder in self.own)), key=self._key)
-
-    def _key(self, combination: Combination) -> tuple[float, float, Combination]:
-        # Sums that differ by rounding are equal.
-        return float(f"{self.cost(combination):.9e}"), self.predicted(combination).pixel, combination
-
-    def least(self, combination: Combination) -> Fault:
-        """The worst of its rungs alone: its error is at least that."""
-        worst = Fault(0.0, 0.0)
-        for ladder, i in zip(self.own, combination, strict=True):
-            worst = worst.worse(ladder[i])
-        return worst
-
-    def predicted(self, combination: Combination) -> Fault:
-        """The sum of the errors of its rungs."""
-        parts = [ladder[i] for ladder, i in zip(self.own, combination, strict=True)]
-        return Fault(sum(part.pixel for part in parts), sum(part.energy for part in parts))
-
-    def error(self, combination: Combination) -> Fault:
-        """Its error; its picture is made if it was not."""
-        if combination not in self.errors:
-            self.errors[combination] = self.picture(combination).worse(self.least(combination))
-        return self.errors[combination]
-
-    def best(self, tolerance: Fault) -> Combination | None:
-        """The first in the order of cost that is within the tolerance; None where none is."""
-        for combination in self.order:
-            if self.least(combination).within(tolerance) and self.error(combination).within(tolerance):
-                if combination not in self._verdicts:
-                    self._verdicts[combination] = self.allowed(combination)
-                if self._verdicts[combination]:
-                    return combination
-        return None
-
-    def frontier(self) -> list[Combination]:
-        """Of the combinations with known errors that may be chosen: those with no other that costs and errs no more."""
-        known = [
-            one
-            for one in self.order
-            if one in self.errors and np.isfinite(self.errors[one].pixel) and self._verdicts.get(one, True)
-        ]
-        kept: list[Combination] = []
-        for one in sorted(known, key=lambda one: (self._key(one)[0], self.errors[one].pixel)):
-            if not kept or self.errors[one].pixel < self.errors[kept[-1]].pixel:
-                kept.append(one)
-        return kept
-
-
-# Tolerances, over the one that is asked for, whose choices are rendered for the chart.
+# Tolerances, over the one that is asked for, for which the cheapest pictures are made, for the chart.
 _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
 # A combination is refused where three of four rounds took so much longer than the full model's. A busy machine does not do that
 # to two programs in turns, only a model of work that is wrong for this machine.
 _SLOWER = 1.25
 # The knobs that each part of the work depends on.
 _DEPENDS = {
-    "seeing": ("facets", "shading", "precision"),
+    "seeing": ("facets", "shading", "window", "precision"),
     "shading": ("lobe", "fresnel", "metal", "light", "lights", "surrounding", "precision"),
     "room": ("bounces", "precision"),
 }  # fmt: skip
@@ -226,7 +136,7 @@ class Measured:
             combination = self.search.best(limit)
             assert combination is not None, "the full model is within every tolerance"
             for share in _AROUND:  # what other tolerances would have chosen: the frontier about this one
-                self.search.best(limit._replace(pixel=min(pixel * share, 1.0)))
+                next(self.search.within(limit._replace(pixel=min(pixel * share, 1.0))))
             return self._budget(combination, limit)
 
     def _budget(self, combination: Combination, limit: Fault) -> Budget:
@@ -234,7 +144,7 @@ class Measured:
         program = view.program(combination)
         time = view.time(program)
         image = program.image()
-        verified = view.fault(program, image)
+        verified = view.verified(combination, image)
         if not verified.within(limit):
             raise BudgetError(
                 f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} (energy"
@@ -258,20 +168,20 @@ class Measured:
         return Budget(
             self.scene, limit, tuple(rows), search.predicted(combination), search.error(combination), verified,
             search.cost(combination), time.seconds, time.quartiles, len(search.order), tuple(points),
-            self.ladders, view.reference, image,
+            self.ladders, view.whole, image,
         )  # fmt: skip
 
 
 @dataclass
 class _View:
-    """Pictures of a scene against its full model."""
+    """Pictures of a scene against its full model: `reference` made as those of combinations are, `whole` by its program."""
 
     scene: Scene
     knobs: tuple[Knob, ...]
     compiler: Compiler
     full: Program
-    reference: Image
-    covered: Bool[np.ndarray, "height width"]
+    reference: Picture
+    whole: Image
     watch: Watch = lambda name: None
     times: dict[Any, Beside] = field(default_factory=dict)
     works: dict[Any, Any] = field(default_factory=dict)
@@ -285,7 +195,7 @@ class _View:
     def picture(self, combination: Combination) -> Fault:
         self.watch(", ".join(self.choice(combination).values()))
         try:
-            return self.fault(self.program(combination))
+            return self.fault(self.compiler.picture(plan_of(self.scene, self.choice(combination))))
         except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
             return REFUSED
 
@@ -312,21 +222,26 @@ class _View:
             self.times[program.key] = beside(program, self.full)
         return self.times[program.key]
 
-    def allowed(self, combination: Combination) -> bool:
-        """Whether it conserves energy, and does not clearly take longer than the full model where it is another program."""
+    def final(self, combination: Combination) -> Fault:
+        """The error of its program; refused where it does not conserve energy, or clearly takes longer than the full model."""
         if refusal_of(self.scene, self.choice(combination)):
-            return False
+            return REFUSED
         program = self.program(combination)
-        return program.key == self.full.key or self.time(program).quartiles[0] < _SLOWER
+        slower = program.key != self.full.key and self.time(program).quartiles[0] >= _SLOWER
+        return REFUSED if slower else self.verified(combination, program.image())
 
-    def fault(self, program: Program, image: Image | None = None) -> Fault:
+    def verified(self, combination: Combination, image: Image) -> Fault:
+        """The error of an image that its program made, against that of the full model's program."""
+        seen = self.compiler.picture(plan_of(self.scene, self.choice(combination)))
+        return self.fault(seen._replace(image=image), self.whole)
+
+    def fault(self, shown: Picture, reference: Image | None = None) -> Fault:
         """The largest error of a pixel after the transfer curve, and the relative error of the sum in linear light."""
-        picture = np.asarray(program.image() if image is None else image, float)
+        picture, reference = np.asarray(shown.image, float), self.reference.image if reference is None else reference
         if not np.all(np.isfinite(picture)):
             return REFUSED
-        reference = self.reference
         if not self.scene.silhouette:
-            both = self.covered & program.covered()
+            both = self.reference.covered & shown.covered
             picture, reference = picture[:, both], reference[:, both]
         if not picture.size:
             return REFUSED
@@ -376,7 +291,12 @@ def full_model(scene: Scene, size: tuple[int, int] | None = None) -> Image:
 
 def _full(scene: Scene, compiler: Compiler, knobs: tuple[Knob, ...]) -> Program:
     """Every knob at its dearest rung. ValueError where lights, materials and camera do not go together."""
-    scene.picture.render((4, 4))  # refuses what does not go together, as a camera inside the object
+    picture = scene.picture
+    if picture.mesh is not None:
+        refuse_behind(picture.mesh, picture.camera)
+    else:
+        options = {"center": np.zeros(3), "radius": 1.0, **picture.options}
+        refuse_inside(picture.camera.eye, options["center"], options["radius"], "the sphere")
     return compiler.program(plan_of(scene, _dearest(knobs)))
 
 
@@ -387,34 +307,34 @@ def _dearest(knobs: tuple[Knob, ...]) -> dict[str, str]:
 def _measure(scene: Scene, watch: Watch) -> Measured:
     knobs, compiler = knobs_of(scene), Compiler(scene)
     dearest, base = _dearest(knobs), _full(scene, compiler, knobs)
-    reference = base.image()
-    if not np.all(np.isfinite(reference)):
-        raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(reference)))} values")
-    view = _View(scene, knobs, compiler, base, reference, base.covered())
+    whole = base.image()
+    if not np.all(np.isfinite(whole)):
+        raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(whole)))} values")
+    view = _View(scene, knobs, compiler, base, compiler.picture(plan_of(scene, dearest)), whole)
 
     def tried(choice: dict[str, str]) -> tuple[Fault, str]:
         """The error of a rung alone, and why it is refused."""
         watch(", ".join(choice.values()))
         try:
-            program = compiler.program(plan_of(scene, {**dearest, **choice}))
+            picture = compiler.picture(plan_of(scene, {**dearest, **choice}))
         except ValueError as error:
             return REFUSED, one_line(error.reason if isinstance(error, NotConserving) else error)
         except NotImplementedError:  # as a linear solver in float16
             return REFUSED, "does not run here"
-        fault = view.fault(program)
+        fault = view.fault(picture)
         return fault, "the picture is not finite" if fault == REFUSED else ""
 
     found = [[tried({knob.name: name}) for name in knob.rungs] for knob in knobs]
     own = [[fault for fault, _ in ladder] for ladder in found]
     last = tuple(len(ladder) - 1 for ladder in own)
-    whole = view.work(last)
+    work = view.work(last)
 
     def alone(place: int, i: int) -> Combination:
         return (*last[:place], i, *last[place + 1 :])
 
     def cost(combination: Combination) -> float:
         refused = any(own[place][i] == REFUSED for place, i in enumerate(combination))
-        return np.inf if refused else view.work(combination) / whole
+        return np.inf if refused else view.work(combination) / work
 
     ladders = {
         knob.name: tuple(
@@ -424,7 +344,7 @@ def _measure(scene: Scene, watch: Watch) -> Measured:
         for place, knob in enumerate(knobs)
     }
     known = {alone(place, i): fault for place, ladder in enumerate(own) for i, fault in enumerate(ladder)}
-    search = Search(own, cost, view.picture, view.allowed, known)
+    search = Search(own, cost, view.picture, view.final, known)
     return Measured(scene, knobs, ladders, search, view)
 
 

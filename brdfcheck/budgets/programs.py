@@ -1,17 +1,13 @@
-r"""Compiled programs of plans: the picture, the work it takes, and its time beside another's.
-
-A room is a cube with the object, which is small against it, in its middle: it neither shades nor lights the walls, and what
-arrives at all its points is what arrives there. Of the radiance L(w) the irradiance of a surface with the normal n keeps its
-mean, its direction and its second moments, the first three terms of the cosine lobe in Legendre polynomials,
-$\max(x, 0) = 1/4 + x/2 + \frac{5}{32}(3x^2 - 1) + ...$, x = w.n: all but about 1 % of it (Ramamoorthi & Hanrahan 2001).
-"""
+"""Compiled programs of plans: the picture, the work it takes, and its time beside another's."""
 
 from __future__ import annotations
 
+import functools
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,30 +18,42 @@ from jaxtyping import Array, Bool, Float
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.budgets.knobs import Plan, plain
-from brdfcheck.budgets.scenes import Room, Scene
-from brdfcheck.numerics import gauss
-from brdfcheck.operations import traced
+from brdfcheck.budgets.room import at_middle, irradiance, room_numbers
+from brdfcheck.budgets.scenes import Scene
+from brdfcheck.operations import program_of, work_of
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.zonal import zonal_weights
-from brdfcheck.scene.lights import Environment
+from brdfcheck.scene.cameras import WHOLE, Part
+from brdfcheck.scene.lights import Ambient, Environment, Polygon
 from brdfcheck.scene.materials import Surface
-from brdfcheck.scene.meshes import Mesh, icosphere
+from brdfcheck.scene.meshes import Mesh, icosphere, vertex_normals
+from brdfcheck.scene.raster import rasterise
 from brdfcheck.scene.shading import shade
-from brdfcheck.scene.smooth import shade_mesh
+from brdfcheck.scene.smooth import SHADINGS
 from brdfcheck.scene.sphere import seen_sphere
 from brdfcheck.scene.vectors import Vector, dot, spread
-from brdfcheck.transport import box
 
 Image = Float[np.ndarray, "3 height width"]
 # Of points, normals and views in three fields each, or arrays of the shape (3, ...).
 Shader = Callable[[Any, Any, Any], Array]
 
-# Pixels whose albedo is integrated at once.
+# Points that are shaded at once.
 _BLOCK = 2**14
 # Seconds for which a program is timed beside another, about, and the fewest and most rounds.
 _LONGEST, _FEWEST, _MOST = 1.0, 9, 101
+# The numbers that say what is seen where.
+_SHOWN = ("camera", "center", "radius", "vertices", "faces", "background")
+# Lights that bring nothing to terms that are not matt.
+_MATT_ONLY = (Ambient, Polygon)
 # Side of the windows in which the rasteriser walks over the box around a face.
 _WINDOW = 16
+
+
+class Picture(NamedTuple):
+    """A picture in linear light, and where the object is seen in it."""
+
+    image: Image
+    covered: Bool[np.ndarray, "height width"]
 
 
 @dataclass
@@ -59,11 +67,6 @@ class Program:
     def image(self) -> Image:
         """The picture in linear light, in the program's own precision."""
         return np.asarray(self.compiled(self.numbers))
-
-    def covered(self) -> Bool[np.ndarray, "height width"]:
-        """Where the object is seen: before a background that no colour equals."""
-        behind = jnp.full_like(self.numbers["background"], -1)
-        return np.asarray(self.compiled({**self.numbers, "background": behind})[0]) > -1
 
     def seconds(self) -> float:
         """The time of one picture."""
@@ -86,48 +89,156 @@ class Compiler:
     def program(self, plan: Plan) -> Program:
         """The plan, compiled. ValueError for lights and materials that do not go together."""
         numbers = self._numbers(plan)
-        structure = (jax.tree.structure(numbers), plan.dtype, plan.facets, plan.bounces is None, plan.quadrature, plan.table)
+        structure = (
+            jax.tree.structure(numbers),
+            plan.dtype,
+            plan.facets,
+            plan.bounces is None,
+            plan.quadrature,
+            plan.table,
+            plan.window,
+        )
         if structure not in self._known:
             self._known[structure] = jax.jit(lambda numbers: _picture(self.scene, plan, numbers)).lower(numbers).compile()
         return Program(self._known[structure], numbers, (structure, plan.bounces))
 
+    def picture(self, plan: Plan) -> Picture:
+        """The picture of a plan by steps that plans share: what is seen where, how its points look, both together.
+
+        So many pictures need few programs. They differ from those of `program` by rounding alone.
+        """
+        numbers, dtype = self._numbers(plan), plan.dtype
+        level, shading = plan.facets or (None, None)
+        shown = {name: value for name, value in self._filled(numbers).items() if name in _SHOWN}
+        sight = self._once(
+            ("sight", level, plan.window, dtype),
+            lambda: self._jit(("see", plan.window, dtype), lambda shown: _sight(self.scene, plan, shown))(shown),
+        )
+        points, shape = self._once(("points", plan.facets, plan.window, dtype), lambda: self._points(plan, shown, sight))
+        room = None
+        if self.scene.room is not None:
+            given = {name: numbers[name] for name in ("room", "bounces")}
+            step = self._jit(("moments", plan.bounces is None, dtype), lambda given: _moments(plan, given))
+            room = self._once(("moments", plan.bounces, dtype, "found"), lambda: step(given))
+
+        def look(material: Any, lights: Any, room: Any, block: Array) -> Array:
+            return _shader(plan, {"material": material, "lights": lights}, room)(*map(Vector._make, block))
+
+        def colours(material: Any, lights: Any, room: Any = None) -> np.ndarray:
+            key = ("look", jax.tree.structure((material, lights, room)), dtype, plan.quadrature, plan.table)
+            blocks = [self._jit(key, look)(material, lights, room, block) for block in points]
+            return np.concatenate(blocks, axis=1)[:, : math.prod(shape)]
+
+        material, lights = numbers["material"], numbers["lights"]
+        if isinstance(material, Surface):
+            # What each light brings to each term adds up: a program for each kind of both does for all of them.
+            terms = [(Surface(term, allow_unvalidated=True), term.matt) for term in material.terms]
+            pairs = [(one, (light,)) for one, matt in terms for light in lights if matt or not isinstance(light, _MATT_ONLY)]
+            rest = [(one, (), room) for one, matt in terms if matt and room is not None]
+            colour = sum((colours(*pair) for pair in [*pairs, *rest]), np.zeros((3, math.prod(shape)), dtype))
+        else:
+            colour = colours(material, lights, room)
+
+        def show(shown: Any, sight: Any, colours: Array) -> Array:
+            return _drawn(self.scene, plan, shown, sight, lambda *_: colours)
+
+        image = self._jit(("show", shading, plan.window, dtype), show)(shown, sight, colour.reshape(3, *shape))
+        covered = np.zeros(self.scene.picture.size, bool)
+        covered[_part(plan)] = sight[0] if plan.facets is None else sight[0].covered
+        return Picture(np.asarray(image), covered)
+
+    def _points(self, plan: Plan, shown: Any, sight: Any) -> tuple[list[np.ndarray], tuple[int, ...]]:
+        """Points, normals and views, shape (3, 3, points), in blocks of one size; the shape of their fields."""
+
+        def places(shown: Any, sight: Any) -> Array:
+            return jnp.stack(jnp.broadcast_arrays(*_fields(_place(self.scene, plan, shown, sight))))
+
+        fields = np.asarray(
+            self._jit(("places", plan.facets and plan.facets[1], plan.window, plan.dtype), places)(shown, sight)
+        )
+        rows, size = fields.reshape(9, -1), min(_BLOCK, math.prod(self.scene.picture.size))
+        rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % size)), mode="edge")
+        return [block.reshape(3, 3, -1) for block in np.split(rows, rows.shape[1] // size, axis=1)], fields.shape[1:]
+
+    def _filled(self, numbers: dict[str, Any]) -> dict[str, Any]:
+        """A mesh with faces of no area, none of which is drawn, to the size of the scene's own: the same programs show it."""
+        mesh = self.scene.picture.mesh
+        if mesh is None:
+            return numbers
+        own = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+        return numbers | {name: np.pad(numbers[name], ((0, most - len(numbers[name])), (0, 0))) for name, most in own.items()}
+
+    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
+        if key not in self._known:
+            self._known[key] = make()
+        return self._known[key]
+
+    def _jit(self, key: Any, function: Callable[..., Array]) -> Any:
+        return self._once(key, lambda: jax.jit(function))
+
     def seeing(self, plan: Plan) -> tuple[float, int]:
         """The work of finding what is seen where, and how many points are shaded. By facets and precision alone."""
-        key = ("seeing", plan.facets, plan.dtype)
-        if key not in self._known:
-            shaded: list[Any] = []
+        found, _ = self._seen(plan)
+        numbers = self._numbers(replace(plan, dtype="float64"))
 
-            def blank(*place: Any) -> Array:
-                shaded.append(jax.tree.map(lambda part: jax.ShapeDtypeStruct(jnp.shape(part), part.dtype), place))
-                return jnp.zeros((3, *jnp.broadcast_shapes(*map(jnp.shape, place[1]))), plan.dtype)
+        def sight(numbers: Any) -> Any:
+            return _sight(self.scene, plan, numbers)
 
-            numbers = self._numbers(plan)
-            work = traced(lambda numbers: _seen(self.scene, plan, numbers, blank), numbers, loops=_loops(self.scene, numbers))
-            self._known[key] = work, shaded[0]
-        return self._known[key][0], _points(self.scene, plan)
+        def black(numbers: Any, found: Any) -> Any:
+            return _drawn(self.scene, plan, numbers, found, _black)
+
+        level, loops = plan.facets and plan.facets[0], _loops(self.scene, numbers)
+        work = self._work(("finding", level, plan.window), plan.dtype, sight, numbers, loops=loops)
+        drawing = self._work(("drawing", plan.facets, plan.window), plan.dtype, black, numbers, found)
+        return work + drawing, _points(self.scene, plan)
+
+    def _seen(self, plan: Plan) -> tuple[Any, Any]:
+        """The shapes of what is seen where, and of the points, normals and views that are shaded."""
+        numbers = self._numbers(replace(plan, dtype="float64"))
+        found = self._once(
+            ("shapes", plan.facets and plan.facets[0], plan.window),
+            lambda: jax.eval_shape(lambda numbers: _sight(self.scene, plan, numbers), numbers),
+        )
+
+        place = self._once(
+            ("place", plan.facets, plan.window),
+            lambda: jax.eval_shape(lambda numbers, found: _place(self.scene, plan, numbers, found), numbers, found),
+        )
+        return found, place
+
+    def _work(self, key: Any, dtype: str, function: Any, *arguments: Any, loops: tuple[float, ...] = ()) -> float:
+        """The work of a function of numbers in float64 if it is computed in `dtype`, traced once for all of them."""
+        program = self._once(("traced", *key), lambda: program_of(function, *arguments))
+        return self._once(("work", *key, dtype), lambda: work_of(program, loops, jnp.dtype(dtype).itemsize))
 
     def shading(self, plan: Plan) -> float:
         """The work at one point. By materials, lights, the rule for the albedo, and precision alone."""
         # Of any facets those of the scene, shaded in every pixel: the same number whatever is asked for first.
-        plan = replace(plan, facets=None if plan.facets is None else (None, "phong"))
-        numbers = self._numbers(plan)
-        key = ("shading", jax.tree.structure((numbers["material"], numbers["lights"])), plan.dtype, plan.quadrature, plan.table)
-        if key not in self._known:
-            moments = None if self.scene.room is None else jnp.ones(10, plan.dtype)
-            _, points = self.seeing(plan)
-            place = self._known["seeing", plan.facets, plan.dtype][1]
-            whole = traced(lambda numbers, place: _shader(plan, numbers, moments)(*place), numbers, place)
-            self._known[key] = whole / points
-        return self._known[key]
+        exact = replace(plan, facets=None if plan.facets is None else (None, "phong"), dtype="float64", window=None)
+        numbers = self._numbers(exact)
+        material, moments = numbers["material"], None if self.scene.room is None else jnp.ones(10)
+        place, points = self._seen(exact)[1], _points(self.scene, exact)
+
+        def work(lights: tuple[Any, ...]) -> float:
+            parts = {"material": material, "lights": lights}
+            key = ("shading", jax.tree.structure(parts), plan.quadrature, plan.table)
+            shader = lambda parts, place: _shader(exact, parts, moments)(*place)  # noqa: E731
+            return self._work(key, plan.dtype, shader, parts, place) / points
+
+        # Lights of one kind cost alike, each after the first of them.
+        kinds: dict[Any, list[Any]] = {}
+        for light in numbers["lights"]:
+            kinds.setdefault((jax.tree.structure(light), str(jax.tree.map(jnp.shape, light))), []).append(light)
+        firsts = tuple(lights[0] for lights in kinds.values())
+        more = [(len(lights) - 1) * (work((*firsts, lights[0])) - work(firsts)) for lights in kinds.values() if len(lights) > 1]
+        return work(firsts) + sum(more)
 
     def room(self, plan: Plan) -> float:
         """The work of the light's bounces between the walls of a room, 0 where there is none."""
         if self.scene.room is None:
             return 0.0
-        key = ("bounces", plan.bounces, plan.dtype)
-        if key not in self._known:
-            self._known[key] = traced(lambda room: at_middle(room, plan.bounces), self._numbers(plan)["room"])
-        return self._known[key]
+        numbers = self._numbers(replace(plan, dtype="float64"))["room"]
+        return self._work(("bounces", plan.bounces), plan.dtype, lambda room: at_middle(room, plan.bounces), numbers)
 
     def _numbers(self, plan: Plan) -> dict[str, Any]:
         dtype = jnp.dtype(plan.dtype)
@@ -140,7 +251,8 @@ class Compiler:
 
 def _points(scene: Scene, plan: Plan) -> int:
     """How many points are shaded."""
-    pixels = scene.picture.size[0] * scene.picture.size[1]
+    top, bottom, left, right = plan.window or (0, scene.picture.size[0], 0, scene.picture.size[1])
+    pixels = (bottom - top) * (right - left)
     if plan.facets is None or plan.facets[1] == "phong":
         return pixels
     mesh = _mesh(scene, plan)
@@ -159,9 +271,12 @@ def _loops(scene: Scene, numbers: Mapping[str, Any]) -> tuple[float, ...]:
     return seen, (1 + side / _WINDOW) ** 2
 
 
+_icosphere = functools.cache(icosphere)
+
+
 def _mesh(scene: Scene, plan: Plan) -> Mesh:
     assert plan.facets is not None
-    mesh = scene.picture.mesh if plan.facets[0] is None else icosphere(plan.facets[0], jnp.float32)
+    mesh = scene.picture.mesh if plan.facets[0] is None else _icosphere(plan.facets[0], jnp.float32)
     assert mesh is not None
     return mesh
 
@@ -181,10 +296,8 @@ def _of_scene(scene: Scene, plan: Plan) -> dict[str, Any]:
 
 
 def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Array:
-    moments = None
-    if scene.room is not None:
-        moments = at_middle(numbers["room"], None if plan.bounces is None else numbers["bounces"])
-    return _seen(scene, plan, numbers, _shader(plan, numbers, moments))
+    moments = None if scene.room is None else _moments(plan, numbers)
+    return _drawn(scene, plan, numbers, _sight(scene, plan, numbers), _shader(plan, numbers, moments))
 
 
 def _shader(plan: Plan, numbers: Mapping[str, Any], moments: Array | None) -> Shader:
@@ -210,15 +323,66 @@ def _shader(plan: Plan, numbers: Mapping[str, Any], moments: Array | None) -> Sh
     return shader
 
 
-def _seen(scene: Scene, plan: Plan, numbers: Mapping[str, Any], shader: Shader) -> Array:
-    picture, camera, background = scene.picture, numbers["camera"], numbers["background"]
+def _moments(plan: Plan, numbers: Mapping[str, Any]) -> Array:
+    """Those of the radiance at the object in the room."""
+    return at_middle(numbers["room"], None if plan.bounces is None else numbers["bounces"])
+
+
+def _sight(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Any:
+    """What is seen where: of the sphere as `seen_sphere` says it, of a mesh its fragments and the normals at its vertices."""
+    picture, camera = scene.picture, numbers["camera"]
     if plan.facets is None:
-        hit, point, normal, view = seen_sphere(camera, numbers["center"], numbers["radius"], picture.size)
-        return jnp.where(hit, shader(point, normal, view), spread(background, 2) if background.ndim else background)
-    mesh = eqx.tree_at(lambda mesh: (mesh.vertices, mesh.faces), _mesh(scene, plan), (numbers["vertices"], numbers["faces"]))
-    options = dict(picture.options)
-    options["shading"] = plan.facets[1]
-    return shade_mesh(mesh, camera, shader, size=picture.size, background=background, **options)
+        return seen_sphere(camera, numbers["center"], numbers["radius"], picture.size, _part(plan))
+    mesh, options = Mesh(numbers["vertices"], numbers["faces"]), picture.options
+    given = {name: options[name] for name in ("cull", "interpolation") if name in options}
+    return rasterise(mesh, camera, picture.size, part=_part(plan), **given), vertex_normals(
+        mesh, options.get("weighting", "unit")
+    )
+
+
+def _drawn(scene: Scene, plan: Plan, numbers: Mapping[str, Any], sight: Any, shader: Shader) -> Array:
+    """The picture of what is seen."""
+    if plan.facets is None:
+        covered, *place = sight
+        image = shader(*place)
+    else:
+        fragments, normals = sight
+        mesh = Mesh(numbers["vertices"], numbers["faces"])
+        covered, image = fragments.covered, SHADINGS[plan.facets[1]](mesh, numbers["camera"], fragments, normals, shader)
+    if plan.window is None:
+        return jnp.where(covered, image, spread(numbers["background"], 2))
+    behind = jnp.broadcast_to(spread(numbers["background"], 2), (3, *scene.picture.size))
+    rows, columns = _part(plan)
+    return behind.at[:, rows, columns].set(jnp.where(covered, image, behind[:, rows, columns]))
+
+
+def _part(plan: Plan) -> Part:
+    """The rows and columns of the picture that are shaded."""
+    if plan.window is None:
+        return WHOLE
+    top, bottom, left, right = plan.window
+    return slice(top, bottom), slice(left, right)
+
+
+def _fields(place: Any) -> list[Array]:
+    return [field for vector in place for field in vector]
+
+
+def _black(*place: Any) -> Array:
+    fields = _fields(place)
+    return jnp.zeros((3, *jnp.broadcast_shapes(*map(jnp.shape, fields))), fields[0].dtype)
+
+
+def _place(scene: Scene, plan: Plan, numbers: Mapping[str, Any], sight: Any) -> Any:
+    """The points, normals and views that are shaded."""
+    caught: list[Any] = []
+
+    def catch(*place: Any) -> Array:
+        caught.append(place)
+        return _black(*place)
+
+    _drawn(scene, plan, numbers, sight, catch)
+    return caught[0]
 
 
 def _looked_up(material: Surface, lights: Sequence[Environment], cosine: Array, entries: int) -> Array:
@@ -277,60 +441,3 @@ def beside(program: Program, full: Program) -> Beside:
             table[r, place] = pair[place].seconds()
     low, middle, high = np.quantile(table[:, 0] / table[:, 1], (0.25, 0.5, 0.75))
     return Beside(float(np.median(table[:, 1])), (float(low), float(middle), float(high)))
-
-
-# --- the room ---
-
-
-# The wall y = b of the box: upwards in the image of the usual camera.
-_CEILING = 3
-_NODES = 16
-# Products of two components, by their places in a symmetric matrix.
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-def room_numbers(room: Room) -> dict[str, Any]:
-    """Form factors, emission and reflectance of the walls; the moments of each patch over the sphere of directions.
-
-    `moments`, shape (patches, 10): the integrals of 1, of x, y, z and of xx, yy, zz, xy, xz, yz over the solid angle that the
-    patch fills as seen from the middle, over pi: what a radiosity of 1 contributes to those of the radiance.
-    """
-    cube = box(cells=room.cells)
-    nodes, weights = gauss(_NODES)
-    u = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
-    each = (weights[:, None] * weights).reshape(-1)
-    patches = np.repeat(np.arange(cube.patches, dtype=np.int32), len(u))
-    point, normal = cube.point(jnp.asarray(patches), jnp.asarray(np.tile(u, (cube.patches, 1)), cube.areas.dtype))
-    way = np.asarray(point, float) - 0.5
-    distance = np.linalg.norm(way, axis=-1, keepdims=True)
-    solid = -np.sum(np.asarray(normal, float) * way, axis=-1) / distance[:, 0] ** 3
-    way = way / distance
-    terms = np.stack([np.ones(len(way)), *way.T, *(way[:, i] * way[:, j] for i, j in _PAIRS)], axis=-1)
-    sums = np.einsum("pq,pqm->pm", solid.reshape(-1, len(u)) * each, terms.reshape(cube.patches, len(u), -1))
-    return {
-        "factors": cube.form_factors,
-        "emission": cube.on_wall(_CEILING, room.emission),
-        "reflectance": jnp.asarray(room.reflectance, cube.areas.dtype),
-        "moments": jnp.asarray(sums * np.asarray(cube.areas)[:, None] / np.pi),
-    }
-
-
-def radiosity(numbers: Mapping[str, Any], bounces: Any) -> Float[Array, " patches"]:
-    """B = E + rho F B after so many bounces (a number that may be traced), or solved for all of them where it is None."""
-    factors, emission = numbers["factors"], numbers["emission"]
-    if bounces is None:
-        return jnp.linalg.solve(jnp.eye(len(emission), dtype=emission.dtype) - numbers["reflectance"] * factors, emission)
-    return jax.lax.fori_loop(0, bounces, lambda _, value: emission + numbers["reflectance"] * (factors @ value), emission)
-
-
-def at_middle(numbers: Mapping[str, Any], bounces: Any) -> Float[Array, " 10"]:
-    """The moments of the radiance in the middle of the room after so many bounces, or after all of them."""
-    return radiosity(numbers, bounces) @ numbers["moments"]
-
-
-def irradiance(moments: Float[Array, " 10"], normal: Vector) -> Float[Array, "..."]:
-    """The irradiance at unit normals, from the moments of the radiance in the middle."""
-    whole, first, second = moments[0], Vector(*moments[1:4]), moments[4:]
-    square = sum(second[k] * (1 if i == j else 2) * (normal[i] * normal[j]) for k, (i, j) in enumerate(_PAIRS))
-    along = first.x * normal.x + first.y * normal.y + first.z * normal.z
-    return jnp.maximum((3 * whole + 15 * square) / 32 + along / 2, 0)

@@ -80,7 +80,8 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
     """What holds of the whole, a line each."""
     settings, summary = record["settings"], record["summary"]
     full, tolerance = 2 ** settings["bits"] - 1, settings["tolerance"]
-    energy = "" if isinstance(tolerance["energy"], str) else f", energy {tolerance['energy']:.2g}"
+    bound = float(tolerance["energy"])  # "inf" where it is read from JSON
+    energy = f", energy {bound:.2g}" if np.isfinite(bound) else ""
     taken = f"{1e3 * summary['seconds']:.3g} ms beside {1e3 * summary['full_seconds']:.3g} ms of the full model: "
     if summary["saving"] > 1:
         taken += f"{summary['saving']:.3g} times faster"

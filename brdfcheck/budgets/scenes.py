@@ -108,7 +108,7 @@ _TABLE: Any = pydantic.create_model(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # what is computed of one is kept by its identity
 class Scene:
     """What is rendered, what it is shown on, and what matters.
 

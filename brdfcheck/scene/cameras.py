@@ -20,6 +20,10 @@ from jaxtyping import Array, Bool, Float
 from brdfcheck.scene.vectors import polar, scalar, unit, vector_of
 
 Size = tuple[int, int]
+Part = tuple[slice, slice]
+"""Rows and columns of an image."""
+
+WHOLE: Part = (slice(None), slice(None))
 
 # Nothing is seen that is nearer to the eye than this part of the distance to the target.
 _NEAR = 1e-3
@@ -41,9 +45,9 @@ def checked_size(size: Size) -> Size:
     return int(size[0]), int(size[1])
 
 
-def pixel_centres(size: Size, dtype: Any) -> Float[Array, "2 height width"]:
-    """The screen coordinates (x, y) of every pixel."""
-    x, y = (jnp.arange(n, dtype=dtype) + 0.5 for n in size[::-1])
+def pixel_centres(size: Size, dtype: Any, part: Part = WHOLE) -> Float[Array, "2 height width"]:
+    """The screen coordinates (x, y) of every pixel in a part of an image."""
+    y, x = (jnp.arange(n, dtype=dtype)[some] + 0.5 for n, some in zip(size, part, strict=True))
     return jnp.stack(jnp.broadcast_arrays(x[None, :], y[:, None]))
 
 
@@ -80,8 +84,10 @@ class AbstractCamera(eqx.Module):
         """Unit vectors from the points to the eye."""
 
     @abc.abstractmethod
-    def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
-        """Origins and unit directions of the rays through the pixels."""
+    def rays(
+        self, size: Size, dtype: Any, part: Part = WHOLE
+    ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+        """Origins and unit directions of the rays through the pixels of a part of the image."""
 
     def frame(self, dtype: Any) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
         """The eye, the unit vectors to the right, up and from target to eye (the rows of a matrix), the distance between."""
@@ -121,9 +127,11 @@ class Orthographic(AbstractCamera):
         back = self.frame(points.dtype)[1][2]
         return jnp.broadcast_to(back.reshape(3, *[1] * (points.ndim - 1)), points.shape)
 
-    def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+    def rays(
+        self, size: Size, dtype: Any, part: Part = WHOLE
+    ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
         eye, axes, _ = self.frame(dtype)
-        across = _across(self.half_height.astype(dtype), size, dtype)
+        across = _across(self.half_height.astype(dtype), size, dtype, part)
         origins = eye[:, None, None] + jnp.tensordot(axes[:2].T, across, 1)
         return origins, jnp.broadcast_to(-axes[2][:, None, None], origins.shape)
 
@@ -154,16 +162,18 @@ class Perspective(AbstractCamera):
     def view(self, points: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
         return jnp.stack(unit(self.eye.astype(points.dtype).reshape(3, *[1] * (points.ndim - 1)) - points))
 
-    def rays(self, size: Size, dtype: Any) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+    def rays(
+        self, size: Size, dtype: Any, part: Part = WHOLE
+    ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
         eye, axes, _ = self.frame(dtype)
-        across = _across(self._half_height(dtype), size, dtype)
+        across = _across(self._half_height(dtype), size, dtype, part)
         directions = jnp.tensordot(axes[:2].T, across, 1) - axes[2][:, None, None]
         directions = directions / jnp.sqrt(jnp.sum(directions * directions, axis=0))
         return jnp.broadcast_to(eye[:, None, None], directions.shape), directions
 
 
-def _across(half_height: Array, size: Size, dtype: Any) -> Array:
+def _across(half_height: Array, size: Size, dtype: Any, part: Part) -> Array:
     """Right and up of every pixel from the centre of the image, in units of space."""
     height, width = size
-    x, y = pixel_centres(size, dtype)
+    x, y = pixel_centres(size, dtype, part)
     return jnp.stack([x - width / 2, height / 2 - y]) * (2 * half_height / height)

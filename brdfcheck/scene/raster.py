@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from brdfcheck.messages import one_of
-from brdfcheck.scene.cameras import AbstractCamera, Projected, Size, checked_size, pixel_centres
+from brdfcheck.scene.cameras import WHOLE, AbstractCamera, Part, Projected, Size, checked_size, pixel_centres
 from brdfcheck.scene.meshes import Mesh
 
 # Side of a window in pixels. Of 8 to 64, 16 was fastest for 1280 faces at 512 x 512: a window costs about 0.5 us.
@@ -131,12 +131,21 @@ class Fragments(eqx.Module):
         return jnp.maximum(self.face, 0)
 
 
-def rasterise(mesh: Mesh, camera: AbstractCamera, size: Size, *, cull: bool = True, interpolation: str = "area") -> Fragments:
+def rasterise(
+    mesh: Mesh,
+    camera: AbstractCamera,
+    size: Size,
+    *,
+    cull: bool = True,
+    interpolation: str = "area",
+    part: Part = WHOLE,
+) -> Fragments:
     """The faces that `camera` sees in an image of `size` = (height, width).
 
     A pixel shows the nearest face that contains its centre; a centre on the common edge of two faces is in both, so a closed
     mesh has no holes. With `cull`, faces seen from behind are dropped. So are faces with a vertex behind the eye. Clear pixels
     have the face -1 and the weights (1, 0, 0). `interpolation` is one of `INTERPOLATIONS`. Not differentiable in visibility.
+    `part`: of the image, which alone is told.
 
     Raises ValueError for a size that is no size, an unknown interpolation, and more than 2^24 faces.
     """
@@ -145,8 +154,8 @@ def rasterise(mesh: Mesh, camera: AbstractCamera, size: Size, *, cull: bool = Tr
     if len(mesh.faces) > _MOST_FACES:
         raise ValueError(f"a mesh may have {_MOST_FACES} faces; got {len(mesh.faces)}")
     projected = camera.project(mesh.vertices.T, size)
-    face = _visible(jax.lax.stop_gradient(projected), mesh.faces, size, cull)
-    at = pixel_centres(size, mesh.vertices.dtype)
+    face = _visible(jax.lax.stop_gradient(projected), mesh.faces, size, cull)[part]
+    at = pixel_centres(size, mesh.vertices.dtype, part)
     corners = [mesh.faces[:, corner][jnp.maximum(face, 0)] for corner in range(3)]
     screen = jnp.stack([jnp.stack([axis[corner] for axis in projected.screen]) for corner in corners])
     weights = INTERPOLATIONS[interpolation](screen, jnp.where(face >= 0, at, screen[0]))

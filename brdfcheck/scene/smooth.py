@@ -119,6 +119,19 @@ def _in_front(mesh: Mesh, camera: AbstractCamera) -> Array:
     return camera.project(mesh.vertices.T, (1, 1)).in_front
 
 
+def refuse_behind(mesh: Mesh, camera: AbstractCamera) -> None:
+    """ValueError where part of a mesh lies behind the eye."""
+    in_front = _in_front(mesh, camera)
+    if not isinstance(in_front, Tracer):
+        behind = ~np.asarray(in_front)
+        if np.any(behind):
+            where = "turned away from the mesh" if np.all(behind) else "inside the mesh or beyond it"
+            raise ValueError(
+                f"the camera at {np.asarray(camera.eye).tolist()} is {where}: "
+                f"{int(behind.sum())} of {behind.size} vertices are behind it"
+            )
+
+
 def render_shadings(
     mesh: Mesh,
     camera: AbstractCamera,
@@ -139,15 +152,7 @@ def render_shadings(
     background = backdrop_of(background, size)
     if options.get("normals") is not None:
         options["normals"] = _checked_normals(options["normals"], mesh)
-    in_front = _in_front(mesh, camera)
-    if not isinstance(in_front, Tracer):
-        behind = ~np.asarray(in_front)
-        if np.any(behind):
-            where = "turned away from the mesh" if np.all(behind) else "inside the mesh or beyond it"
-            raise ValueError(
-                f"the camera at {np.asarray(camera.eye).tolist()} is {where}: "
-                f"{int(behind.sum())} of {behind.size} vertices are behind it"
-            )
+    refuse_behind(mesh, camera)
     return _render(
         mesh, camera, material, lights, jnp.asarray(background), {"shadings": tuple(shadings), "size": size, **options}
     )

@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.scene.cameras import AbstractCamera, Orthographic, Size, checked_size
+from brdfcheck.scene.cameras import WHOLE, AbstractCamera, Orthographic, Part, Size, checked_size
 from brdfcheck.scene.lights import AbstractLight
 from brdfcheck.scene.shading import AbstractMaterial, shade
 from brdfcheck.scene.vectors import Vector, backdrop_of, dot, spread, verified
@@ -54,9 +54,9 @@ def refuse_inside(eye: Any, center: Any, radius: Any, what: str) -> None:
 
 
 def seen_sphere(
-    camera: AbstractCamera | None, center: Float[Array, " 3"], radius: Float[Array, ""], size: Size
+    camera: AbstractCamera | None, center: Float[Array, " 3"], radius: Float[Array, ""], size: Size, part: Part = WHOLE
 ) -> tuple[Bool[Array, "height width"], Vector, Vector, Vector]:
-    """(hit, point, normal, view): fields of shape (height, width), or numbers where they are the same in all pixels.
+    """(hit, point, normal, view) in a part of the image: fields (height, width), or numbers where all pixels have the same.
 
     Where the sphere is missed the normal is finite and means nothing.
     """
@@ -66,8 +66,8 @@ def seen_sphere(
         (right, up, depth), _ = usual.in_frame(center)
         height, width = size
         scale = 2 * usual.half_height.astype(dtype) / height
-        x = (jnp.arange(width, dtype=dtype)[None, :] + (0.5 - width / 2)) * scale - right
-        y = ((height / 2 - 0.5) - jnp.arange(height, dtype=dtype)[:, None]) * scale - up
+        x = (jnp.arange(width, dtype=dtype)[part[1]][None, :] + (0.5 - width / 2)) * scale - right
+        y = ((height / 2 - 0.5) - jnp.arange(height, dtype=dtype)[part[0]][:, None]) * scale - up
         square, root = _half_chord(radius, x * x + y * y)
         # The usual camera looks along z: Python numbers, of which the program has no trace.
         view = Vector(0.0, 0.0, 1.0)
@@ -77,7 +77,7 @@ def seen_sphere(
             view = Vector(*axes[:, 2])
             normal = Vector(*(dot(row, normal) for row in axes))
     else:
-        origin, way = (Vector(*part) for part in camera.rays(size, dtype))
+        origin, way = (Vector(*part) for part in camera.rays(size, dtype, part))
         arm = origin - Vector(*center)
         depth = -dot(arm, way)
         off = arm + way * depth  # from the center to the ray, square to it
