@@ -84,8 +84,8 @@ def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes
     return _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path[0]), text)
 
 
-# Coordinates of paths to a tenth of a point.
-_PATHS, _DIGITS = re.compile(rb' d="[^"]*"'), re.compile(rb"(\.\d)\d+")
+# Coordinates of paths and of markers to a tenth of a point.
+_PATHS, _DIGITS = re.compile(rb' (?:d|x|y)="[^"]*"'), re.compile(rb"(\.\d)\d+")
 _EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
 
 
