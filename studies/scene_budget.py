@@ -3,10 +3,11 @@
 Command: ``brdfcheck study scene_budget``. Under two minutes on two cores.
 
 Answer: six scenes need six models, with 3.6 to 38 times less work than the full one and 2 to 4 times faster. A matt sphere far
-away needs a distant light, float32 and the box of pixels in which it lies; in 16 bits a glossy one needs its point light and the power itself (every stand-in errs by 200 steps or more).
-Mirror-like metal close up needs its facets (a power errs by 11 steps of 8 bits) but no Fresnel term (0.03). A translucent
-sphere within 3 steps takes Lyon's lobe (2.0) for the power. A window in a room needs 16 bounces (0.1; 8 err by 1.9). An icon of
-5,120 facets needs 1,280 (6.6). float32 is enough in all six, float16 in none.
+away needs a distant light, float32 and the box of pixels in which it lies; in 16 bits a glossy one needs its point light and
+the power itself (every stand-in errs by 200 steps or more). Mirror-like metal close up needs its facets (a power errs by 11
+steps of 8 bits) but no Fresnel term (0.03). A translucent sphere within 3 steps takes Lyon's lobe (2.0) for the power. A window
+in a room needs 16 bounces (0.1; 8 err by 1.9). An icon of 5,120 facets needs 1,280 (6.6). float32 is enough in all six, float16
+in none.
 
 Each rung of each knob is rendered by itself against the full model, which is in float64 with all that the scene has; of all
 combinations within the tolerance the one with the fewest operations is rendered again and timed beside the full model. Half a
