@@ -8,7 +8,7 @@ up, Blinn-Phong with n + 8 reaches 1.0752, Oren and Nayar's model 1.0152, EON's 
 to 1 within its error bar.
 
 Each file is checked over the ranges that it declares, colours white: what `brdfcheck check FILE` says. ``eon.glsl`` runs over
-its roughness.
+its roughness. Three are also compiled as C++ where there is a compiler, and both programs are timed on the same directions.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import brdfcheck
+from _instruments import shader_speed
 from _instruments.bars import COLOURS, plot, told
 from brdfcheck.output import records
 from brdfcheck.studies import table
@@ -29,6 +30,7 @@ __all__ = ["plot", "run", "summary"]
 OURS = Path(__file__).resolve().parent / "_instruments" / "shaders"
 GIVEN = "a folder of .brdf and .glsl files"
 SMALL = ("eon.glsl", "lambert.brdf")
+TIMED = ("ggx.brdf", "cook_torrance.brdf", "principled.brdf")
 RANGES: dict[str, dict[str, Any]] = {"eon.glsl": {"roughness": (0.0, 1.0)}}
 
 
@@ -42,10 +44,13 @@ def run(size: str = "full", given: Sequence[str] = ()) -> dict[str, Any]:
         raise ValueError(f"{folder} holds no .brdf or .glsl file")
     results = [_checked(path, "normal" if size == "full" else "quick") for path in files]
     counts = {verdict: sum(row["verdict"] == verdict for row in results) for verdict in COLOURS}
+    rounds = 30 if size == "full" else 2
+    timed = [OURS / name for name in (TIMED if size == "full" else TIMED[:1])] if folder == OURS else []
     return {
         "settings": {"files": [path.name for path in files], "ours": folder == OURS},
         "results": results,
-        "summary": {"files": len(files), **counts, "refused": sum(row["verdict"] is None for row in results)},
+        "summary": {"files": len(files), **counts, "refused": sum(row["verdict"] is None for row in results)}
+        | {"speed": [shader_speed.measured(path, rounds) for path in timed]},
     }
 
 
@@ -69,8 +74,29 @@ def summary(record: dict[str, Any]) -> str:
             rows.append((row["name"], row["verdict"], told(row).split(", ")[1], place, angle))
         else:
             rows.append((row["name"], "refused", "", row["message"], ""))
-    return (
+    told_all = (
         f"{found['files']} files over the ranges that they declare: conserve {found['CONSERVES']}, violate the law"
         f" {found['VIOLATES']}, undecided {found['UNDECIDED']}.\n\n"
         + table(("file", "verdict", "largest albedo", "at", "angle of incidence"), rows)
+    )
+    return "\n\n".join([told_all, *([_speeds(found["speed"])] if found["speed"] else [])])
+
+
+def _speeds(speed: list[dict[str, Any]]) -> str:
+    compiler = next((row["compiler"] for row in speed if row["compiler"]), None)
+    rows = []
+    for row in speed:
+        ours, theirs = row["per_second"], row["compiler_per_second"]
+        other = (f"{theirs / 1e6:.0f}", f"{ours / theirs:.1f}", f"{row['apart']:.0e}") if theirs else ("-", "-", "-")
+        rows.append((row["name"], f"{row['compile_seconds']:.2f}", f"{ours / 1e6:.0f}", *other))
+    head = (
+        "file",
+        "seconds to compile",
+        "million evaluations a second of CPU",
+        "as C++",
+        "ratio",
+        "largest relative difference",
+    )
+    return f"As `check` evaluates them, and compiled by `{compiler or 'no compiler'}` (in double, white):\n\n" + table(
+        head, rows
     )
