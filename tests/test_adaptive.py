@@ -131,7 +131,9 @@ def test_no_kink_is_invisible_to_both_null_rules():
 
 @pytest.mark.parametrize("cosine", [0.0, 1e-18, 1e-7, 1 / 64, 0.1, 0.5, 0.7071067811865476, 0.9, 1 - 1e-15, 1.0])
 def test_lambert_is_exact_in_one_pass(cosine: float):
-    check(integrate_hemisphere(lambda wo: np.full(len(wo), 1 / np.pi), cosine), 1, 1e-14, most=84_000)
+    check(
+        integrate_hemisphere(lambda wo: np.full(len(wo), 1 / np.pi), cosine), 1, 4e-14, most=84_000
+    )  # bent boxes are no polynomials
 
 
 @pytest.mark.parametrize("alpha", GGX)

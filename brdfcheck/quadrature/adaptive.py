@@ -10,8 +10,7 @@ A box carries the product of two Gauss-Kronrod rules (7, 15). Its error has two 
 * At probes just inside the faces, where a rule has no nodes, the value less what the polynomial through the nodes says:
   a sliver of something that has its body in the box next door.
 
-The box is halved across the axis to blame, or cut along the circle of the directions as high as the light, if that crosses
-it and no cut was made there before.
+The box is halved across the axis to blame.
 """
 
 from __future__ import annotations
@@ -227,10 +226,10 @@ def integrate_hemisphere(
         chosen = order[np.cumsum(share[order]) > 0.5][::-1][:room]
         if not chosen.size:
             break
-        fresh_boxes = boxes.taken(chosen).refined(found.axis[chosen])
-        fresh = integrand.measure(fresh_boxes)
+        halves = boxes.taken(chosen).halves(found.axis[chosen])
+        fresh = integrand.measure(halves)
         rest = np.delete(np.arange(len(share)), chosen)
-        boxes = boxes.taken(rest).joined(fresh_boxes)
+        boxes = boxes.taken(rest).joined(halves)
         found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
     value = found.value.sum(axis=0)
     error = found.error.sum(axis=0) + found.noise.sum(axis=0)

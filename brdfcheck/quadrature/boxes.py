@@ -12,8 +12,8 @@ Each seed is the corner of squares that reach half way to the next seed. A squar
 the seed, in the coordinates (r, q): the offsets along and across are (r, r q) or (r q, r), with r = `CENTRE` sinh(u)
 and q = v^2. In u a lobe of any width down to `CENTRE` is a bump of length one, so a few panels see every needle about
 a seed, and v crowds the nodes where grazing light makes a needle long and thin. The rest is cut into rectangles that
-grow away from the seeds, up to `_LONGEST`. Boxes that the circle as high as the light crosses are cut along it when they
-would be halved (`quadrature.circle`).
+grow away from the seeds, up to `_LONGEST`. Boxes that the circle as high as the light crosses are cut along it
+(`quadrature.circle`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,6 @@ CENTRE = 1e-6
 _LONGEST = 0.4
 # Seeds closer together than this are one.
 _SAME = 1e-7
-# The cosine of a light below which the strip between circle and horizon is too thin to be noticed: it is cut off at once.
-_FLAT = 3e-3
 # Lengths of the first panels in u, from r = _LONGEST inwards: short in u where they would be long in radians. One more
 # panel has the rest, if any.
 _PANELS = (1.2, 2.4, 5.0, 5.0)
@@ -58,25 +56,12 @@ class Boxes(NamedTuple):
         """These boxes, then the others."""
         return Boxes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def refined(self, axis: np.ndarray) -> Boxes:
-        """All boxes in two halves across their `axis` (boxes,), or along the circle that crosses them."""
-        pieces, rest = self._cut()
-        rest, across = self.taken(rest), axis[rest, None] == np.arange(2)
-        size = np.where(across, rest.size / 2, rest.size)
-        upper = np.where(across, rest.low + size, rest.low)
-        halves = Boxes(np.concatenate([rest.low, upper]), np.tile(size, (2, 1)), np.tile(rest.patch, (2, 1)))
-        return halves.joined(pieces)
-
-    def cut(self) -> Boxes:
-        """All boxes, those that the circle crosses in pieces."""
-        pieces, rest = self._cut()
-        return self.taken(rest).joined(pieces)
-
-    def _cut(self) -> tuple[Boxes, np.ndarray]:
-        """The pieces of the boxes that the circle crosses, and which boxes (boxes,) it does not."""
-        crossed = circle.crossed(*self)
-        pieces = [circle.cut(*(column[i] for column in self)) for i in np.flatnonzero(crossed)]
-        return _of_rows(np.concatenate(pieces)) if pieces else self.taken(slice(0)), ~crossed
+    def halves(self, axis: np.ndarray) -> Boxes:
+        """The lower halves of all boxes across their `axis` (boxes,), then the upper ones."""
+        cut = axis[:, None] == np.arange(2)
+        size = np.where(cut, self.size / 2, self.size)
+        upper = np.where(cut, self.low + size, self.low)
+        return Boxes(np.concatenate([self.low, upper]), np.tile(size, (2, 1)), np.tile(self.patch, (2, 1)))
 
 
 def _of_rows(table: np.ndarray) -> Boxes:
@@ -121,7 +106,9 @@ def initial_boxes(sine: float, cosine: float) -> Boxes:
         for sign in (-1, 1)
     ]
     boxes = _of_rows(np.array(rows))
-    return boxes.cut() if cosine < _FLAT else boxes
+    crossed = circle.crossed(*boxes)
+    pieces = [circle.cut(*(column[i] for column in boxes)) for i in np.flatnonzero(crossed)]
+    return boxes.taken(~crossed).joined(_of_rows(np.concatenate(pieces))) if pieces else boxes
 
 
 def _cut(reach: float) -> list[tuple[float, float, float, float, int]]:

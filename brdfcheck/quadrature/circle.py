@@ -6,8 +6,10 @@ incidence and meets b = theta above the normal; with the elevation e in the plan
 
     sin e cos b = sin h,  h the elevation of the light.
 
-A box that it crosses is cut along it when its turn comes to be halved, so that smooth integrands do not pay for it. A piece
-is *bent*: one of its coordinates runs from a straight edge of the box (0) to the circle (1).
+A box that it crosses is cut along it. A piece is *bent*: one of its coordinates runs from a straight edge of the box (0) to the
+circle (1). So nodes and probes lie close to the circle wherever it runs: what is narrow there is seen, such as the ring in wo
+that a reciprocal BRDF has for each angle at which it is high, and the strip between the circle of grazing light and the
+horizon.
 """
 
 from __future__ import annotations
@@ -55,15 +57,14 @@ def unbend(patch: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.
 
 
 def crossed(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
-    """True for boxes that the circle crosses, of those that are not bent yet."""
-    height, rise, kind, bend, cosine = (patch[:, i] for i in (1, 2, 4, 6, 8))
+    """True for boxes, none of them bent, that the circle crosses."""
+    height, rise, kind, cosine = (patch[:, i] for i in (1, 2, 4, 8))
     start, end, bottom, top = _inside(low, size, patch)
     plain = (kind == 0) & (start < end) & (bottom < top)
     plain &= (end - start) / size[:, 0] + (top - bottom) / size[:, 1] > _WORTH
     # The triangles beside the light and the mirror direction, on the side of the normal: crossed from end to end.
     light = np.arctan2(cosine, np.sqrt((1 - cosine) * (1 + cosine)))
-    whole = (low[:, 1] == 0) & (size[:, 1] == 1)
-    return (bend == 0) & (plain | ((kind == 2) & (height == light) & (rise > 0) & whole))
+    return plain | ((kind == 2) & (height == light) & (rise > 0))
 
 
 def _inside(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
