@@ -75,3 +75,15 @@ def test_a_ring_on_the_circle_is_seen(cosine: float, width: float):
     exact = np.sin(2 * theta) * width * np.sinc(width / np.pi) ** 2
     assert abs(float(found.value) - exact) <= float(found.error)
     assert float(found.error) < 2e-7
+
+
+@pytest.mark.parametrize("beside", [0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, -1e-7, -1e-6])
+@pytest.mark.parametrize("cosine", [1e-3, 0.05, 0.5, 0.9])
+def test_a_jump_beside_the_circle_is_in_the_bar(cosine: float, beside: float):
+    # Between the circle and such a jump there are no nodes: 1.5e-6 were missed with a bar of 1e-8.
+    edge = cosine * (1 + beside)
+    found = integrate_hemisphere(
+        lambda wo: (wo[:, 2] < edge) / (np.pi * edge**2), cosine, tolerance=1e-8, max_evaluations=500_000
+    )
+    assert abs(float(found.value) - 1) <= float(found.error)
+    assert found.converged or beside != 0

@@ -511,3 +511,32 @@ def test_bounds_of_random_functions_contain_their_albedos():
             assert bound.low - error <= albedo <= bound.high + error
             checked += 1
     assert checked == 120
+
+
+def seen(wo, least):
+    return (wo[..., 2] > least).astype(float)
+
+
+# Conditions that are used as numbers beside numbers, and what is read beyond the ends: all of these are above 1 somewhere.
+BRIGHT = {
+    "where": lambda wi, wo: jnp.where(wo[..., 2] > 0.2, 5.0, seen(wo, 0.1)) / jnp.pi * 0.99,
+    "where, the other way": lambda wi, wo: 0.9 * jnp.where(wo[..., 2] < 0.3, seen(wo, 0.5), 5.0) / jnp.pi,
+    "select": lambda wi, wo: jnp.select([wo[..., 2] > 0.5, wo[..., 2] > 0.2], [4.0, seen(wi, 0.5)], 0) / jnp.pi,
+    "equal": lambda wi, wo: jnp.where(seen(wo, -1.0) == 0.5, 0.1, 2.0) / jnp.pi,
+    "unequal": lambda wi, wo: jnp.where(seen(wo, -1.0) != 2.0, 2.0, 0.1) / jnp.pi,
+    "fill": lambda wi, wo: wo.at[..., 7].get(mode="fill", fill_value=2.0) / jnp.pi,
+}
+
+
+@pytest.mark.parametrize("name", BRIGHT)
+def test_conditions_are_numbers_beside_numbers(name):
+    try:
+        found = certify(BRIGHT[name], seconds=2)
+    except (NotProved, Uncovered):
+        return
+    assert found.verdict != "CONSERVES"
+
+
+def test_an_equality_that_never_holds_is_no_violation():
+    found = certify(lambda wi, wo, k: jnp.where(seen(wo, 0.5) == k, 3.0, 0.2) / jnp.pi, k=(2, 3))
+    assert found.verdict == "CONSERVES"  # 0.2

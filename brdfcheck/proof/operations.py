@@ -34,10 +34,10 @@ def _not(a: Value) -> Truth:
 
 
 def _equal(a: Value, b: Value) -> Truth:
-    if isinstance(a, Truth) or isinstance(b, Truth):
-        a, b = as_truth(a), as_truth(b)
+    if isinstance(a, Truth) and isinstance(b, Truth):
         both = (a.may_hold & b.may_hold) | (a.may_fail & b.may_fail)
         return Truth(both, (a.may_hold & b.may_fail) | (a.may_fail & b.may_hold))
+    a, b = as_number(a), as_number(b)  # a condition that is used as a number is 1 or 0, whatever it meets
     if a is b and a.undefined is None:  # x == x asks for NaN
         return Truth(np.full(a.ends[0].shape, True), np.full(a.ends[0].shape, False))
     return _and(e.less(a, b, equal=True), e.less(b, a, equal=True))
@@ -149,9 +149,9 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "xor": lambda a, b: _not(_equal(as_truth(a), as_truth(b))),
     "is_finite": _finite,
     "select_n": lambda condition, no, yes: (
-        e.select(as_truth(condition), as_number(yes), as_number(no))
-        if not (isinstance(yes, Truth) or isinstance(no, Truth))
-        else _not(_and(_not(_and(condition, yes)), _not(_and(_not(condition), no))))
+        _not(_and(_not(_and(condition, yes)), _not(_and(_not(condition), no))))
+        if isinstance(yes, Truth) and isinstance(no, Truth)
+        else e.select(as_truth(condition), as_number(yes), as_number(no))
     ),
     "convert_element_type": lambda a: as_number(a),
 }

@@ -201,8 +201,10 @@ class Program:
             size = int(np.prod(shape, dtype=int))
             places[i] = np.arange(start, start + size).reshape(shape)
             start += size
+        # What is read beyond the ends is no place.
+        parameters = equation.params | ({"fill_value": -1} if "fill_value" in equation.params else {})
         with jax.ensure_compile_time_eval():
-            found = equation.primitive.bind(*places, **equation.params)
+            found = equation.primitive.bind(*places, **parameters)
         found = found if equation.primitive.multiple_results else [found]
         columns = [np.asarray(part).reshape(-1) for part in found]
         if any(np.any((column < 0) | (column >= start)) for column in columns):

@@ -30,6 +30,10 @@ _LARGEST_BATCH = 48_000
 _ROUNDS = 58
 # Over how many rounds a sum is watched that does not converge.
 _LAST_ROUNDS = 12
+# What is looked at beside the circle of directions as high as the light: so far off (radians), at so many azimuths, for jumps
+# that lie closer to it than probes, but not on it.
+_BESIDE, _ON = 8e-6, 1e-13
+_AZIMUTHS = 32
 # The radius (radians) about a seed inside which directions are not told apart well enough.
 _BLUR = 1e-13
 # How many roundings an evaluation is taken to contain; from what size on a number counts as infinite.
@@ -170,6 +174,27 @@ class _Integrand:
         noise = np.where(blurred[:, None], total, noise)
         return _Measured(value, np.where(blurred[:, None], 0, error), noise, axis)
 
+    def slivers(self, sine: float, cosine: float) -> np.ndarray | float:
+        """How much may lie between the circle as high as the light, where boxes end, and a jump just beside it: (channels,).
+
+        Differences across the circle at three distances: what is smooth is in proportion to them, a jump on the circle is in
+        all three, and neither counts here.
+        """
+        azimuth = (np.arange(_AZIMUTHS) + 0.5) * 2 * np.pi / _AZIMUTHS
+        beside = _BESIDE * min(1, 100 * cosine)  # at low light even what is smooth changes within less
+        angle = np.arctan2(sine, cosine) + np.array([beside, beside / 2, _ON])[:, None] * np.array([1.0, -1.0])
+        if np.any((angle < 0) | (angle > np.pi / 2)):
+            return 0.0  # at grazing light and along the normal the circle is a seed
+        up, flat = np.cos(angle)[..., None], np.sin(angle)[..., None]
+        wo = np.stack(np.broadcast_arrays(flat * np.cos(azimuth), flat * np.sin(azimuth), up), axis=-1).reshape(-1, 3)
+        self.evaluations += len(wo)
+        with np.errstate(all="ignore"):
+            values = np.asarray(self.evaluate(wo), float).reshape(len(wo), -1)
+            self.nonfinite += int(np.count_nonzero(~np.all(np.abs(values) < _INFINITE, axis=1)))
+            far, middle, on = np.subtract(*values.reshape(3, 2, _AZIMUTHS, -1).swapaxes(0, 1))
+            jump = np.abs(far - 2 * middle + on).mean(axis=0)
+        return np.where(np.isfinite(jump), jump, 0) * 2 * np.pi * sine * cosine * beside
+
 
 def _rises_without_end(sums: np.ndarray) -> np.ndarray:
     """True for each channel whose sums (rounds, channels) rise by no less in the last rounds than in those before."""
@@ -210,7 +235,8 @@ def integrate_hemisphere(
     if not tolerance > 0:
         raise ValueError(f"tolerance must be > 0; got {tolerance}")
     integrand = _Integrand(evaluate, float(azimuth))
-    boxes = initial_boxes(float(np.sqrt((1 - cos_theta) * (1 + cos_theta))), float(cos_theta))
+    sine = float(np.sqrt((1 - cos_theta) * (1 + cos_theta)))
+    boxes = initial_boxes(sine, float(cos_theta))
     found = integrand.measure(boxes)
     sums = []
     for _ in range(_ROUNDS):
@@ -233,6 +259,7 @@ def integrate_hemisphere(
         found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
     value = found.value.sum(axis=0)
     error = found.error.sum(axis=0) + found.noise.sum(axis=0)
+    error = error + integrand.slivers(sine, float(cos_theta))
     converged = bool(np.all(error <= tolerance * np.maximum(np.abs(value), 1))) and integrand.nonfinite == 0
     if not converged and np.any(error > 0.05 * np.abs(value)):
         endless = _rises_without_end(np.array(sums))
