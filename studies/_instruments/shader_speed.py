@@ -10,12 +10,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 import brdfcheck
 from brdfcheck.brdf.callables import BLOCK, Evaluator
-from brdfcheck.runtime import double_precision
 
 ROWS = 64
 _COMPILER = shutil.which("c++") or shutil.which("g++")
@@ -70,7 +68,7 @@ int main(int, char** words) {
 
 
 def measured(path: Path, rounds: int) -> dict[str, Any]:
-    """Compile time (s) and evaluations a second of CPU time of ours and of the compiler's program; how far they are apart.
+    """Evaluations a second of CPU time of ours and of the compiler's program; how far they are apart.
 
     `rounds`: how many times ROWS x BLOCK pairs of directions are evaluated; the fastest counts. Parameters stand in the middle
     of their ranges, colours are white. Without a compiler its numbers are None.
@@ -80,25 +78,18 @@ def measured(path: Path, rounds: int) -> dict[str, Any]:
     directions = np.random.default_rng(7).normal(size=(2, 3, ROWS, BLOCK))
     directions[:, 2] = np.abs(directions[:, 2])
     wi, wo = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    cached = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
-    jax.config.update("jax_enable_compilation_cache", False)
-    try:
-        began = time.perf_counter()
-        evaluator = Evaluator(family.build, values)
-        space = evaluator.space(ROWS)
-        space[:, :ROWS] = wo
-        parameters = np.tile(np.array(list(values.values())), (ROWS, 1))
-        with double_precision():
-            ours = evaluator.rows(parameters, wi, space)
-        row = {"name": path.name, "compile_seconds": time.perf_counter() - began}
-    finally:
-        jax.config.update("jax_enable_compilation_cache", cached)
+    evaluator = Evaluator(family.build, values)
+    space = evaluator.space(ROWS)
+    space[:, :ROWS] = wo
+    parameters = np.tile(np.array(list(values.values())), (ROWS, 1))
+    ours = evaluator.rows(parameters, wi, space)
     fastest = np.inf
     for _ in range(rounds):
         began = time.process_time()
         evaluator.rows(parameters, wi, space)
         fastest = min(fastest, time.process_time() - began)
-    row |= {"per_second": ROWS * BLOCK / fastest, "compiler": None, "compiler_per_second": None, "apart": None}
+    row: dict[str, Any] = {"name": path.name, "per_second": ROWS * BLOCK / fastest}
+    row |= {"compiler": None, "compiler_per_second": None, "apart": None}
     if _COMPILER is None:
         return row
     pairs = np.concatenate([wi, wo]).reshape(6, -1).T
