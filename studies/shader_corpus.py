@@ -92,7 +92,6 @@ def _speeds(speed: list[dict[str, Any]]) -> str:
         rows.append((row["name"], f"{ours / 1e6:.0f}", *other))
     head = (
         "file",
-        "seconds to compile",
         "million evaluations a second of CPU",
         "as C++",
         "ratio",
