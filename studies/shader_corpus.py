@@ -90,13 +90,6 @@ def _speeds(speed: list[dict[str, Any]]) -> str:
         ours, theirs = row["per_second"], row["compiler_per_second"]
         other = (f"{theirs / 1e6:.0f}", f"{ours / theirs:.1f}", f"{row['apart']:.0e}") if theirs else ("-", "-", "-")
         rows.append((row["name"], f"{ours / 1e6:.0f}", *other))
-    head = (
-        "file",
-        "million evaluations a second of CPU",
-        "as C++",
-        "ratio",
-        "largest relative difference",
-    )
-    return f"As `check` evaluates them, and compiled by `{compiler or 'no compiler'}` (in double, white):\n\n" + table(
-        head, rows
-    )
+    head = ("file", "million evaluations a second of CPU", "as C++", "ratio", "largest relative difference")
+    about = f"As `check` evaluates them, and compiled by `{compiler or 'no compiler'}` (in double, white):"
+    return about + "\n\n" + table(head, rows)
