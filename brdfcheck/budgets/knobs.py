@@ -253,6 +253,11 @@ def refusal_of(scene: Scene, choice: Choice) -> str:
 # --- materials ---
 
 
+@functools.lru_cache(256)
+def _material_of(scene: Scene, choice: tuple[tuple[str, str], ...]) -> AbstractMaterial:
+    return _material(scene.picture.material, dict(choice))
+
+
 def _material(material: Any, choice: Choice) -> AbstractMaterial:
     if isinstance(material, Surface):
         terms = [_term(term, choice) for term in material.terms]
@@ -337,11 +342,6 @@ class Painted(AbstractMaterial):
 
 
 # --- lights ---
-
-
-@functools.lru_cache(256)
-def _material_of(scene: Scene, choice: tuple[tuple[str, str], ...]) -> AbstractMaterial:
-    return _material(scene.picture.material, dict(choice))
 
 
 def _center(scene: Scene) -> np.ndarray:

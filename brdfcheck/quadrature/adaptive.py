@@ -258,8 +258,7 @@ def integrate_hemisphere(
         boxes = boxes.taken(rest).joined(halves)
         found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
     value = found.value.sum(axis=0)
-    error = found.error.sum(axis=0) + found.noise.sum(axis=0)
-    error = error + integrand.slivers(sine, float(cos_theta))
+    error = found.error.sum(axis=0) + found.noise.sum(axis=0) + integrand.slivers(sine, float(cos_theta))
     converged = bool(np.all(error <= tolerance * np.maximum(np.abs(value), 1))) and integrand.nonfinite == 0
     if not converged and np.any(error > 0.05 * np.abs(value)):
         endless = _rises_without_end(np.array(sums))

@@ -20,6 +20,12 @@ import numpy as np
 _WORTH = 1e-4
 
 
+def _of_light(cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sine of the polar angle and elevation of the light."""
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    return sine, np.arctan2(cosine, sine)
+
+
 def _elevation(sine: np.ndarray, cosine: np.ndarray, across: np.ndarray) -> np.ndarray:
     """How much higher than the light the circle stands in the plane at the angle `across` (b): theta from b = theta on."""
     y = np.minimum(np.sin(across), sine)
@@ -42,9 +48,9 @@ def unbend(patch: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.
     level, triangle = np.abs(patch[:, 6]) == 1, patch[:, 4] == 2
     for which in (level, triangle, ~(level | triangle)):
         height, rise, bend, edge, cosine = (patch[which, i, None] for i in (1, 2, 6, 7, 8))
-        sine = np.sqrt((1 - cosine) * (1 + cosine))
+        sine, light = _of_light(cosine)
         if which is level:
-            circle = rise * (np.arctan2(cosine, sine) - height + _elevation(sine, cosine, across[which]))
+            circle = rise * (light - height + _elevation(sine, cosine, across[which]))
         elif which is triangle:
             circle = np.sqrt(_elevation(sine, cosine, radius[which]) / radius[which])
         else:
@@ -63,15 +69,13 @@ def crossed(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
     plain = (kind == 0) & (start < end) & (bottom < top)
     plain &= (end - start) / size[:, 0] + (top - bottom) / size[:, 1] > _WORTH
     # The triangles beside the light and the mirror direction, on the side of the normal: crossed from end to end.
-    light = np.arctan2(cosine, np.sqrt((1 - cosine) * (1 + cosine)))
-    return plain | ((kind == 2) & (height == light) & (rise > 0))
+    return plain | ((kind == 2) & (height == _of_light(cosine)[1]) & (rise > 0))
 
 
 def _inside(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Between which elevations, start and end, and which angles across, bottom and top, the circle runs in plain boxes."""
     height, rise, cosine = patch[:, 1], patch[:, 2], patch[:, 8]
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    light = np.arctan2(cosine, sine)
+    sine, light = _of_light(cosine)
     high = low + size
     first, last = np.sort(height + rise * np.stack([low[:, 0], high[:, 0]]), axis=0)
     start = np.maximum(first, light + _elevation(sine, cosine, low[:, 1]))
