@@ -169,16 +169,19 @@ def test_a_function_that_fails_later():
 @pytest.mark.parametrize("points", [1, 7, 130])
 def test_sums_are_those_of_the_values(build, points):
     random = np.random.default_rng(points)
-    wo = in_rows(random_directions(2 * points * BLOCK, 5))
-    weight = random.uniform(0, 1, (points, 2, BLOCK))
+    tables = -(-points // 3)
+    space = Evaluator(build, {"n": 1.0}).space(2 * tables)
+    wo = in_rows(random_directions(2 * tables * BLOCK, 5), space)
+    weight = random.uniform(0, 1, (tables, 2, BLOCK))
     wi, turn = random_directions(points, 6), random.uniform(0, 2 * np.pi, points)
-    n = np.sort(random.choice([0.5, 2.0, 30.0], points))
-    sums = Evaluator(build, {"n": 1.0}).sums(n[:, None], wi, turn, wo, weight, nothing_noted)
+    n, which = np.sort(random.choice([0.5, 2.0, 30.0], points)), random.integers(0, tables, points)
+    sums = Evaluator(build, {"n": 1.0}).sums(n[:, None], wi, turn, wo, weight, which, nothing_noted)
     assert sums.shape == (points, 2, 1)
     for i in range(0, points, 9):
         c, s = np.cos(turn[i]), np.sin(turn[i])
-        turned = np.einsum("ij,jbk->bki", [[c, -s, 0], [s, c, 0], [0, 0, 1]], wo[:, 2 * i : 2 * i + 2])
-        expected = np.sum(weight[i] * np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned)), axis=-1)
+        table = wo[:, 2 * which[i] : 2 * which[i] + 2]
+        turned = np.einsum("ij,jbk->bki", [[c, -s, 0], [s, c, 0], [0, 0, 1]], table)
+        expected = np.sum(weight[which[i]] * np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned)), axis=-1)
         np.testing.assert_allclose(sums[i, :, 0], expected, rtol=1e-12)
 
 
@@ -193,7 +196,7 @@ def test_sums_leave_out_and_note_what_is_not_finite_and_what_is_negative():
     wo = in_rows(random_directions(BLOCK, 5))
     noted = []
     sums = Evaluator(build, {}).sums(
-        np.zeros((1, 0)), WI[:1], np.zeros(1), wo, np.ones((1, 1, BLOCK)), lambda *found: noted.append(found)
+        np.zeros((1, 0)), WI[:1], np.zeros(1), wo, np.ones((1, 1, BLOCK)), np.zeros(1, int), lambda *found: noted.append(found)
     )
     x, y, _ = wo[:, 0]
     bad, negative = x > 0.9, (y > 0.9) & (x <= 0.9)

@@ -27,8 +27,9 @@ BLOCK = 760
 """Directions of a row: what a program takes for one incidence."""
 # Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
 # asked, and a small request is cheap. On a CPU a row at a time stays in the fastest memory and on one core: XLA gains nothing
-# by sharing so little work out.
+# by sharing so little work out. The rows may be any of so many more rows of directions, the `_TABLE`.
 _ROWS, _GROUP, _GROUP_ON_CPU = 64, 64, 1
+_TABLE = 256
 # Seconds for a row from which on threads are worth their while.
 _HEAVY = 5e-5
 # Bytes at whose multiples an array must begin for XLA to use it where it lies.
@@ -133,10 +134,16 @@ class Evaluator:
         group = self._group
         shape = (self._rows, BLOCK) if self.channels is None else (self._rows, BLOCK, self.channels)
 
-        def program(held: Any, groups: Any, *arguments: Any) -> Any:
+        def program(held: Any, groups: Any, which: Any, wo: Any, *arguments: Any) -> Any:
             def step(index: Any, values: Any) -> Any:
-                some = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, index * group, group), arguments)
-                found = jax.vmap(lambda *given: row(held, *given))(*some)
+                mine, some = jax.tree.map(
+                    lambda part: jax.lax.dynamic_slice_in_dim(part, index * group, group), (which, arguments)
+                )
+                # On a CPU a slice, which XLA reads where it lies; a gather it does not.
+                views = jax.tree.map(
+                    lambda part: jax.lax.dynamic_slice_in_dim(part, mine[0], 1) if group == 1 else part[mine], wo
+                )
+                found = jax.vmap(lambda wo, parameters, turn, wi: row(held, parameters, turn, wi, wo))(views, *some)
                 return jax.lax.dynamic_update_slice_in_dim(values, found, index * group, 0)
 
             return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
@@ -150,12 +157,12 @@ class Evaluator:
 
     @property
     def at_once(self) -> int:
-        """How many rows are evaluated together."""
-        return self._rows
+        """How many rows of directions `sums` may choose from."""
+        return _TABLE
 
     def space(self, rows: int) -> np.ndarray:
         """Room for the directions of so many rows, (3, at least rows, BLOCK): what a program takes as it is, without a copy."""
-        space = aligned((3, -(-rows // self._rows) * self._rows, BLOCK))
+        space = aligned((3, rows + _TABLE, BLOCK))  # what is not written to costs no memory
         space[:, rows : rows + self._group] = 1 / np.sqrt(3)  # evaluated with the last group
         return space
 
@@ -165,7 +172,8 @@ class Evaluator:
         Returns shape (rows, BLOCK, channels or 1).
         """
         still = np.tile([1.0, 0.0], (len(parameters), 1))
-        return np.concatenate([self._evaluate(piece, parameters, still, wi, wo) for piece in self._pieces(parameters)])
+        pieces = self._pieces(parameters)
+        return np.concatenate([self._evaluate(rows, parameters, still, wi, wo[:, rows.start :]) for rows in pieces])
 
     def sums(
         self,
@@ -174,29 +182,32 @@ class Evaluator:
         azimuth: np.ndarray,
         wo: np.ndarray,
         weight: np.ndarray,
+        which: np.ndarray,
         note: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], None],
     ) -> np.ndarray:
         """Weighted sums over blocks of directions: (points, blocks, channels or 1).
 
-        parameters (points, names), wi (points, 3), azimuth (points,): by how much the directions are turned; wo
-        (3, rows, BLOCK), of at least points x blocks rows, and weight (points, blocks, BLOCK). What is not finite counts as 0.
+        parameters (points, names), wi (points, 3), azimuth (points,): by how much the directions are turned. Of tables of
+        directions, wo (3, rows, BLOCK), of at least tables x blocks rows, and weight (tables, blocks, BLOCK), `which` (points,)
+        says the one of each point; they have `at_once` rows at most. What is not finite counts as 0.
         `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0 or one that is not
         finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
         """
-        points, blocks = weight.shape[:2]
+        points, blocks = len(parameters), weight.shape[1]
         point = np.repeat(np.arange(points), blocks)
+        table = (which[:, None] * blocks + np.arange(blocks)).ravel()
         turn = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)[point]
         parameters, light, weight = parameters[point], wi.T[:, point], weight.reshape(-1, BLOCK)
         sums = np.empty((len(point), self.channels or 1))
         for rows in self._pieces(parameters):
-            values, share = self._evaluate(rows, parameters, turn, light, wo), weight[rows]
+            values, share = self._evaluate(rows, parameters, turn, light, wo, table), weight[table[rows]]
             with np.errstate(all="ignore"):
                 found = np.matmul(share[:, None], values)[:, 0]
             if not np.all(np.isfinite(found)) or values.min() < 0:
                 finite = np.isfinite(values)
                 values = np.where(finite, values, 0)
                 found = np.matmul(share[:, None], values)[:, 0]
-                note(point[rows], np.stack(_turned(turn[rows], wo[:, rows]), axis=1), values, finite, share)
+                note(point[rows], np.stack(_turned(turn[rows], wo[:, table[rows]]), axis=1), values, finite, share)
             sums[rows] = found
         return sums.reshape(points, blocks, -1)
 
@@ -210,32 +221,40 @@ class Evaluator:
         most = max(1, _NUMPY_CALL // BLOCK)
         return [slice(int(i), int(min(i + most, high))) for low, high in pairwise(limits) for i in range(low, high, most)]
 
-    def _evaluate(self, rows: slice, parameters: np.ndarray, turn: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """One of the `_pieces` of rows: parameters and turn count them on axis 0, wi and wo on axis 1.
+    def _evaluate(
+        self,
+        rows: slice,
+        parameters: np.ndarray,
+        turn: np.ndarray,
+        wi: np.ndarray,
+        wo: np.ndarray,
+        table: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """One of the `_pieces` of rows: parameters and turn count them on axis 0, wi on axis 1; `table` says their rows of wo.
 
-        Returns shape (rows, BLOCK, channels or 1).
+        None: these are the first ones, in order. Returns shape (rows, BLOCK, channels or 1).
         """
         count = rows.stop - rows.start
+        mine = np.arange(count) if table is None else table[rows]
         if self.slow:
-            view = np.stack(_turned(turn[rows], wo[:, rows]), axis=-1).reshape(-1, 3)
+            view = np.stack(_turned(turn[rows], wo[:, mine]), axis=-1).reshape(-1, 3)
             light = wi[:, rows] if wi.ndim == 3 else wi[:, rows, None]
             light = np.broadcast_to(np.moveaxis(light, 0, 2), (count, BLOCK, 3)).reshape(-1, 3)
             return self._numpy_call(parameters[rows.start], light, view).reshape(count, BLOCK, -1)
-        arguments = jax.tree.map(
-            lambda part: self._filled_up(part[rows.start : rows.start + self._rows]), (parameters, turn, tuple(wi), tuple(wo))
+        which, parameters, turn, light = jax.tree.map(
+            lambda part: _filled_up(part, self._rows), (mine, parameters[rows], turn[rows], tuple(wi[:, rows]))
         )
+        # Where each direction has a light of its own there is no table to choose from.
+        size = _TABLE if wi.ndim == 2 else self._rows
+        views = tuple(_filled_up(part[:size], size) for part in wo)
         began = time.perf_counter()
         try:
             with np.errstate(all="ignore"), double_precision():
-                values = np.asarray(self._program(-(-count // self._group), *arguments))[:count]
+                values = np.asarray(self._program(-(-count // self._group), which, views, parameters, turn, light))[:count]
         except Exception as error:
             raise Finding(f"{self._name} raised {told(error)}") from error
         self._fastest = min(self._fastest, (time.perf_counter() - began) / count)
         return values.reshape(count, BLOCK, -1)
-
-    def _filled_up(self, part: np.ndarray) -> np.ndarray:
-        """As many rows as a program takes; what they hold beyond the last group does not matter."""
-        return part if len(part) == self._rows else part[np.minimum(np.arange(self._rows), len(part) - 1)]
 
     def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """f for these parameters: (wi, wo) of shape (k, 3) each, float64 -> values of shape (k,) or (k, channels)."""
@@ -327,6 +346,11 @@ class Evaluator:
             return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
 
         return evaluate
+
+
+def _filled_up(part: np.ndarray, rows: int) -> np.ndarray:
+    """As many rows as a program takes; what they hold beyond the last group does not matter."""
+    return part if len(part) == rows else part[np.minimum(np.arange(rows), len(part) - 1)]
 
 
 def in_rows(directions: np.ndarray, space: np.ndarray | None = None) -> np.ndarray:

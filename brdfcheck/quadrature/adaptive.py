@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brdfcheck.quadrature.boxes import CENTRE, Boxes, Mesh, directions, initial_boxes
+from brdfcheck.quadrature.boxes import CENTRE, Boxes, Grid, Mesh, directions, initial_boxes
 
 # Probes sit this fraction of a box inside its faces; what they find wrong counts for this fraction of the box.
 _SKIN = 1e-5
@@ -80,6 +80,7 @@ _NODES_ONLY, *_FACES = (
     for pair in ((_NODES, _NODES), (_EDGES, _BETWEEN), (_BETWEEN, _EDGES))
 )
 _POINTS = np.concatenate([_NODES_ONLY, *_FACES])
+_GRID, _GRID_OF_NODES = Grid(_POINTS), Grid(_NODES_ONLY)
 
 
 class HemisphereIntegral(NamedTuple):
@@ -129,7 +130,7 @@ class _Integrand:
     def _measure(self, boxes: Boxes) -> _Measured:
         shape = len(boxes.low), len(_POINTS)
         wo, weight, count = np.empty((3, *shape)), np.empty(shape), shape[0] * shape[1]
-        directions(boxes, _POINTS, wo, weight)
+        directions(boxes, _GRID, wo, weight)
         (c, s), (x, y, _) = self.turn, wo
         if s:
             wo[0], wo[1] = c * x - s * y, s * x + c * y
@@ -265,5 +266,5 @@ def integrate_hemisphere(
         value, error = np.where(endless, np.inf, value), np.where(endless, np.inf, error)
     if integrand.scalar:
         value, error = value[0], error[0]
-    mesh = Mesh(boxes, float(cos_theta), _NODES_ONLY, np.outer(_WEIGHTS[0], _WEIGHTS[0]).ravel())
+    mesh = Mesh(boxes, float(cos_theta), _GRID_OF_NODES, np.outer(_WEIGHTS[0], _WEIGHTS[0]).ravel())
     return HemisphereIntegral(np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite, mesh)

@@ -18,6 +18,8 @@ grow away from the seeds, up to `_LONGEST`. Boxes that the circle as high as the
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -97,8 +99,9 @@ def _corners(sine: float, cosine: float) -> list[_Corner]:
     return corners
 
 
+@functools.lru_cache(maxsize=64)
 def initial_boxes(sine: float, cosine: float) -> Boxes:
-    """The boxes with which an integral begins, for light at this sine and cosine of the polar angle."""
+    """The boxes with which an integral begins, for light at this sine and cosine of the polar angle. Not to be written to."""
     rows = [
         (*box, corner.side, corner.height, corner.rise, sign, kind, number, 0, 0, cosine)
         for number, corner in enumerate(_corners(sine, cosine))
@@ -107,8 +110,10 @@ def initial_boxes(sine: float, cosine: float) -> Boxes:
     ]
     boxes = _of_rows(np.array(rows))
     crossed = circle.crossed(*boxes)
-    pieces = [circle.cut(*(column[i] for column in boxes)) for i in np.flatnonzero(crossed)]
-    return boxes.taken(~crossed).joined(_of_rows(np.concatenate(pieces))) if pieces else boxes
+    boxes = boxes.taken(~crossed).joined(_of_rows(circle.cut(*boxes.taken(crossed))))
+    for column in boxes:
+        column.flags.writeable = False
+    return boxes
 
 
 def _cut(reach: float) -> list[tuple[float, float, float, float, int]]:
@@ -135,51 +140,125 @@ def _cut(reach: float) -> list[tuple[float, float, float, float, int]]:
     return boxes
 
 
-def directions(boxes: Boxes, points: np.ndarray, wo: np.ndarray, weight: np.ndarray) -> None:
-    """Write wo for light at azimuth 0 at points (points, 2) of the unit square in each box, and (N.wo) dwo over the box.
+class Grid:
+    """Points (points, 2) of the unit square, of which many share a coordinate: what hangs on one of them is computed once."""
+
+    def __init__(self, points: np.ndarray):
+        self.count = len(points)
+        self.first, self._of_first = np.unique(points[:, 0], return_inverse=True)
+        self.second, self._of_second = np.unique(points[:, 1], return_inverse=True)
+
+    def by_first(self, *values: np.ndarray) -> list[np.ndarray]:
+        """What hangs on the first coordinate, (boxes, distinct values) each, at all points: (boxes, points)."""
+        return [np.take(part, self._of_first, axis=1) for part in values]
+
+    def by_second(self, *values: np.ndarray) -> list[np.ndarray]:
+        """What hangs on the second one."""
+        return [np.take(part, self._of_second, axis=1) for part in values]
+
+
+def directions(boxes: Boxes, grid: Grid, wo: np.ndarray, weight: np.ndarray) -> None:
+    """Write wo for light at azimuth 0 at the points of a grid in each box, and (N.wo) dwo over the box.
 
     Into arrays of shape (3, boxes, points) and (boxes, points).
     """
-    along = boxes.low[:, :1] + boxes.size[:, :1] * points[:, 0]
-    across = boxes.low[:, 1:] + boxes.size[:, 1:] * points[:, 1]
-    side, height, rise, sign, kind = (column[:, None] for column in boxes.patch.T[:5])
-    plain = kind == 0
-    # Of triangles: the distance from the apex, and how far they reach beside it there.
-    radius = CENTRE * np.sinh(np.where(plain, 0, along))
-    stretch = boxes.size[:, :1] * boxes.size[:, 1:]
+    bend, plain = np.abs(boxes.patch[:, 6]), boxes.patch[:, 4] == 0
+    for which, write in (
+        (plain & (bend == 0), _straight),
+        (plain & (bend == 1), _level),
+        (plain & (bend == 2), _upright),
+        (boxes.patch[:, 4] == 1, _first),
+        (boxes.patch[:, 4] == 2, _second),
+    ):
+        rows = np.flatnonzero(which)
+        if rows.size == len(which):
+            rows = slice(None)
+        elif not rows.size:
+            continue
+        some = boxes.taken(rows)
+        along = some.low[:, :1] + some.size[:, :1] * grid.first
+        across = some.low[:, 1:] + some.size[:, 1:] * grid.second
+        (up, flat), (y, cosine), density = write(some, grid, along, across)
+        side, sign = some.patch[:, 0, None], some.patch[:, 3, None]
+        wo[0, rows] = flat * (side * cosine)
+        wo[1, rows] = sign * y
+        normal = up * cosine
+        wo[2, rows] = normal
+        normal *= cosine
+        normal *= density
+        weight[rows] = normal
+
+
+# What each kind of box makes of the coordinates along and across (boxes, distinct values): sine and cosine of the elevation in
+# the plane, those of the angle across it, and the density of the points; all (boxes, points), or (boxes, 1).
+_Made = tuple[Iterable[np.ndarray], Iterable[np.ndarray], np.ndarray]
+
+
+def _straight(boxes: Boxes, grid: Grid, along: np.ndarray, across: np.ndarray) -> _Made:
+    density = boxes.size[:, :1] * boxes.size[:, 1:]
+    return grid.by_first(*_elevated(boxes, along)), grid.by_second(*sine_cosine(across)), density
+
+
+def _level(boxes: Boxes, grid: Grid, along: np.ndarray, across: np.ndarray) -> _Made:
+    edge, span = circle.along(boxes.patch, across)
+    density = boxes.size[:, :1] * boxes.size[:, 1:] * np.sign(boxes.patch[:, 6, None]) * span
+    (share,), (span, density) = grid.by_first(along), grid.by_second(span, density)
+    return _elevated(boxes, edge + share * span), grid.by_second(*sine_cosine(across)), density
+
+
+def _upright(boxes: Boxes, grid: Grid, along: np.ndarray, across: np.ndarray) -> _Made:
+    edge, span = circle.across(boxes.patch, along)
+    density = boxes.size[:, :1] * boxes.size[:, 1:] * np.sign(boxes.patch[:, 6, None]) * span
+    (span, density), (share,) = grid.by_first(span, density), grid.by_second(across)
+    return grid.by_first(*_elevated(boxes, along)), sine_cosine(edge + share * span), density
+
+
+def _first(boxes: Boxes, grid: Grid, along: np.ndarray, across: np.ndarray) -> _Made:
+    radius, lag, density = _triangle(boxes, grid, along, across)
+    return grid.by_first(*_elevated(boxes, radius)), sine_cosine(lag), density
+
+
+def _second(boxes: Boxes, grid: Grid, along: np.ndarray, across: np.ndarray) -> _Made:
+    radius, lag, density = _triangle(boxes, grid, along, across)
+    return _elevated(boxes, lag), grid.by_first(*sine_cosine(radius)), density
+
+
+def _triangle(boxes: Boxes, grid: Grid, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The distance from the apex (boxes, distinct values), and the offset beside it and the density at all points."""
+    radius = CENTRE * np.sinh(along)
+    density = 2 * boxes.size[:, :1] * boxes.size[:, 1:] * radius * np.sqrt(radius * radius + CENTRE**2)
+    edge, span = np.zeros((len(radius), 1)), np.ones_like(radius)
     bent = boxes.patch[:, 6] != 0
     if np.any(bent):
-        stretch = stretch * np.ones_like(along)
-        rows = along[bent], across[bent]
-        stretch[bent] *= circle.unbend(boxes.patch[bent], *rows, radius[bent])
-        along[bent], across[bent] = rows
-    density = stretch * np.where(plain, 1, radius * np.sqrt(radius * radius + CENTRE**2) * (2 * across))
-    radius, lag = np.where(plain, along, radius), np.where(plain, across, radius * (across * across))
-    second = kind == 2
+        edge[bent], span[bent] = circle.beside(boxes.patch[bent], radius[bent])
+        density[bent] *= np.sign(boxes.patch[bent, 6, None]) * span[bent]
+    density, span, far = grid.by_first(density, span, radius)
+    (share,) = grid.by_second(across)
+    share = edge + share * span
+    return radius, far * (share * share), density * share
+
+
+def _elevated(boxes: Boxes, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sine and cosine of the elevation in the plane, at an offset along it from the seed."""
     # Rounding must not push a direction below the horizon.
-    up, flat = sine_cosine(np.maximum(height + rise * np.where(second, lag, radius), 0))
-    y, cosine = sine_cosine(np.where(second, radius, lag))
-    np.multiply(side * flat, cosine, out=wo[0])
-    np.multiply(sign, y, out=wo[1])
-    normal = np.multiply(up, cosine, out=wo[2])
-    np.multiply(density, cosine * normal, out=weight)
+    return sine_cosine(np.maximum(boxes.patch[:, 1, None] + boxes.patch[:, 2, None] * offset, 0))
 
 
 class Mesh:
     """The boxes of an integral at one cosine of incidence as a fixed rule, which moves smoothly with the light.
 
-    For cosines that are `near`; nodes are written as those of a `GradedRule`, their weights times those of the rule. `points`
-    (points, 2) and `weights` (points,) are the rule of one box.
+    For cosines that are `near`; nodes are written as those of a `GradedRule`, their weights times those of the rule. `grid` and
+    `weights` (points,) are the rule of one box.
     """
 
-    def __init__(self, boxes: Boxes, cosine: float, points: np.ndarray, weights: np.ndarray):
-        self._boxes, self._points, self._weights = boxes, points, weights
+    def __init__(self, boxes: Boxes, cosine: float, grid: Grid, weights: np.ndarray):
+        self._boxes, self._grid, self._weights = boxes, grid, weights
         self._corners = _corners(*_angle(cosine))
 
     @property
     def size(self) -> int:
         """How many nodes the rule has."""
-        return len(self._boxes.low) * len(self._points)
+        return len(self._boxes.low) * self._grid.count
 
     def near(self, cosines: np.ndarray) -> np.ndarray:
         """True for the cosines (m,) at which the seeds have the same order: only there can the boxes move along."""
@@ -188,10 +267,10 @@ class Mesh:
 
     def fill(self, cos_theta: np.ndarray, wo: np.ndarray, weight: np.ndarray) -> None:
         """Write the nodes for light at azimuth 0 and the cosines (m,): wo, shape (3, m, size), and weight, shape (m, size)."""
-        shape = len(self._boxes.low), len(self._points)
+        shape = len(self._boxes.low), self._grid.count
         for number, cosine in enumerate(cos_theta):
             share = weight[number].reshape(shape)
-            directions(self._moved(float(cosine)), self._points, wo[:, number].reshape(3, *shape), share)
+            directions(self._moved(float(cosine)), self._grid, wo[:, number].reshape(3, *shape), share)
             share *= self._weights
 
     def _moved(self, cosine: float) -> Boxes:

@@ -39,27 +39,25 @@ def _reach(sine: np.ndarray, cosine: np.ndarray, elevation: np.ndarray) -> np.nd
     return np.arctan2(np.sqrt(np.maximum(above, 0)), cosine)
 
 
-def unbend(patch: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Write the coordinates of points in bent boxes, (boxes, points) each, as those of plain boxes or triangles.
+def along(patch: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of boxes that are bent along the plane: the edge (boxes, 1), and how far from it the circle is at angles across it."""
+    height, rise, edge, cosine = (patch[:, i, None] for i in (1, 2, 7, 8))
+    sine, light = _of_light(cosine)
+    return edge, rise * (light - height + _elevation(sine, cosine, across)) - edge
 
-    `radius` is that of points in triangles. Returns by how much the boxes are stretched there, (boxes, points).
-    """
-    stretch = np.empty_like(along)
-    level, triangle = np.abs(patch[:, 6]) == 1, patch[:, 4] == 2
-    for which in (level, triangle, ~(level | triangle)):
-        height, rise, bend, edge, cosine = (patch[which, i, None] for i in (1, 2, 6, 7, 8))
-        sine, light = _of_light(cosine)
-        if which is level:
-            circle = rise * (light - height + _elevation(sine, cosine, across[which]))
-        elif which is triangle:
-            circle = np.sqrt(_elevation(sine, cosine, radius[which]) / radius[which])
-        else:
-            circle = _reach(sine, cosine, height + rise * along[which])
-        span = circle - edge
-        bent = along if which is level else across
-        bent[which] = edge + bent[which] * span
-        stretch[which] = np.sign(bend) * span
-    return stretch
+
+def across(patch: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of boxes that are bent across it, at offsets along it."""
+    height, rise, edge, cosine = (patch[:, i, None] for i in (1, 2, 7, 8))
+    sine, _ = _of_light(cosine)
+    return edge, _reach(sine, cosine, height + rise * along) - edge
+
+
+def beside(patch: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of triangles, at distances from their apex: in v."""
+    edge, cosine = patch[:, 7, None], patch[:, 8, None]
+    sine, _ = _of_light(cosine)
+    return edge, np.sqrt(_elevation(sine, cosine, radius) / radius) - edge
 
 
 def crossed(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
@@ -85,18 +83,30 @@ def _inside(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> tuple[np.nd
 
 
 def cut(low: np.ndarray, size: np.ndarray, patch: np.ndarray) -> np.ndarray:
-    """The pieces of one box that is `crossed`: a row of low (2), size (2) and patch for each."""
+    """The pieces of boxes that are all `crossed`: a row of low (2), size (2) and patch for each."""
+    ends = np.stack(_inside(low, size, patch), axis=1)
+    sides = np.clip(np.sort(patch[:, 2:3] * (ends[:, :2] - patch[:, 1:2]), axis=1), low[:, :1], (low + size)[:, :1])
+    rows: list[tuple[float, ...]] = []
+    for (a0, b0), (a1, b1), (start, end, bottom, top), (left, right), part in zip(
+        *(column.tolist() for column in (low, low + size, ends, sides, patch)), strict=True
+    ):
 
-    def piece(first: tuple[float, float], second: tuple[float, float], bend: int = 0, edge: float = 0.0) -> np.ndarray:
-        return np.array([first[0], second[0], first[1] - first[0], second[1] - second[0], *patch[:6], bend, edge, patch[8]])
+        def piece(first: tuple[float, float], second: tuple[float, float], bend: int = 0, edge: float = 0.0, part=part) -> None:
+            rows.append((first[0], second[0], first[1] - first[0], second[1] - second[0], *part[:6], bend, edge, part[8]))
 
-    (a0, b0), (a1, b1) = low, low + size
-    if patch[4] == 2:
-        return np.array([piece((a0, a1), (0, 1), 2, 0.0), piece((a0, a1), (0, 1), -2, 1.0)])
-    start, end, bottom, top = (float(part[0]) for part in _inside(low[None], size[None], patch[None]))
-    if end - start < top - bottom:
-        rows = [piece((a0, a1), pair) for pair in ((b0, bottom), (top, b1)) if pair[0] < pair[1]]
-        return np.array([*rows, piece((0, 1), (bottom, top), 1, a0), piece((0, 1), (bottom, top), -1, a1)])
-    left, right = np.clip(np.sort(patch[2] * (np.array([start, end]) - patch[1])), a0, a1)
-    rows = [piece(pair, (b0, b1)) for pair in ((a0, left), (right, a1)) if pair[0] < pair[1]]
-    return np.array([*rows, piece((left, right), (0, 1), 2, b0), piece((left, right), (0, 1), -2, b1)])
+        if part[4] == 2:
+            piece((a0, a1), (0, 1), 2, 0.0)
+            piece((a0, a1), (0, 1), -2, 1.0)
+        elif end - start < top - bottom:
+            for pair in ((b0, bottom), (top, b1)):
+                if pair[0] < pair[1]:
+                    piece((a0, a1), pair)
+            piece((0, 1), (bottom, top), 1, a0)
+            piece((0, 1), (bottom, top), -1, a1)
+        else:
+            for pair in ((a0, left), (right, a1)):
+                if pair[0] < pair[1]:
+                    piece(pair, (b0, b1))
+            piece((left, right), (0, 1), 2, b0)
+            piece((left, right), (0, 1), -2, b1)
+    return np.array(rows).reshape(-1, 4 + patch.shape[1])

@@ -261,17 +261,16 @@ class PointwiseAlbedo:
         value = np.zeros((2, len(mu), evaluator.channels or 1))
         unknown: set[int] = set()
 
-        def noted(rows: np.ndarray, *found: np.ndarray) -> None:
-            unknown.update(rows[self._note(parameters[rows], wi[rows], *found)].tolist())
-
         def piece(points: np.ndarray) -> None:
-            share = np.empty((len(points), sum(blocks) * BLOCK))
+            # Points of the same cosine share their nodes.
+            cosines, which = np.unique(mu[points], return_inverse=True)
+            share = np.empty((len(cosines), sum(blocks) * BLOCK))
             space = evaluator.space(share.size // BLOCK)
-            wo = space[:, : share.size // BLOCK].reshape(3, len(points), -1)
+            wo = space[:, : share.size // BLOCK].reshape(3, len(cosines), -1)
             start = 0
             for rule, count in zip(rules, blocks, strict=True):
                 end = start + rule.size
-                rule.fill(mu[points], wo[..., start:end], share[:, start:end])
+                rule.fill(cosines, wo[..., start:end], share[:, start:end])
                 start += count * BLOCK
                 wo[..., end:start], share[:, end:start] = wo[..., end - 1 : end], 0
             sums = evaluator.sums(
@@ -279,7 +278,8 @@ class PointwiseAlbedo:
                 wi[points],
                 azimuth[points],
                 space,
-                share.reshape(len(points), -1, BLOCK),
+                share.reshape(len(cosines), -1, BLOCK),
+                which,
                 lambda at, *found: unknown.update(
                     points[at[self._note(parameters[points[at]], wi[points[at]], *found)]].tolist()
                 ),
@@ -288,9 +288,9 @@ class PointwiseAlbedo:
             if len(rules) > 1:
                 value[1, points] = sums[:, blocks[0] :].sum(axis=1)
 
-        # Points of the same parameters together.
-        order = np.lexsort(parameters.T[::-1]) if evaluator.slow and self.swept else np.arange(len(mu))
-        cores = len(available_cores()) if evaluator.heavy else 1
+        # A function of numpy is called with points of the same parameters together; else those of the same cosine share nodes.
+        order = np.lexsort(parameters.T[::-1]) if evaluator.slow and self.swept else np.argsort(mu, kind="stable")
+        cores = 1 if evaluator.slow else len(available_cores())
         most = max(1, min(evaluator.at_once // sum(blocks), -(-len(mu) // cores)))
         side_by_side(piece, [order[i : i + most] for i in range(0, len(mu), most)], most=cores)
         nodes = len(mu) * sum(blocks) * BLOCK
