@@ -7,6 +7,7 @@ for each other (two processes on two cores spent half of their time so). With a 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 import threading
@@ -64,15 +65,16 @@ def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any], *, most:
     workers = min(len(available_cores()), len(pieces), most)
     if workers < 2 or getattr(_inside, "worker", False):
         return [function(piece) for piece in pieces]
-
-    def begin() -> None:
-        _inside.worker = True
-
     # Who comes back from a program waits so long for Python's lock where another thread holds it: by default 5 ms.
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH)
     try:
-        with ThreadPoolExecutor(workers, initializer=begin) as pool:
-            return list(pool.map(function, pieces))
+        return list(_pool(workers, os.getpid()).map(function, pieces))
     finally:
         sys.setswitchinterval(before)
+
+
+@functools.lru_cache(maxsize=4)
+def _pool(workers: int, process: int) -> ThreadPoolExecutor:
+    """So many threads, which wait for work; those of `process`: a child that is forked has none of its parent's."""
+    return ThreadPoolExecutor(workers, initializer=lambda: setattr(_inside, "worker", True))

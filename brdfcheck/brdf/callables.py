@@ -366,6 +366,8 @@ def in_rows(directions: np.ndarray, space: np.ndarray | None = None) -> np.ndarr
 def _turned(turn: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The components of wo (3, rows, BLOCK), turned about the normal: turn (rows, 2) holds the cosines and sines."""
     (c, s), (x, y, z) = turn.T[:, :, None], wo
+    if not np.any(s) and np.all(c == 1):
+        return x, y, z
     return c * x - s * y, s * x + c * y, z
 
 

@@ -11,7 +11,7 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Collection, Iterable
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import jax
@@ -87,6 +87,8 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
         return value
     if not callable(value):
         return next((directional(way, parameters) for name in _METHODS if callable(way := getattr(value, name, None))), value)
+    if type(value) is FunctionType and not vars(value) and _as_it_is(value.__code__, frozenset(parameters)):
+        return value
     try:
         signature = inspect.signature(value)
     except (TypeError, ValueError):
@@ -104,6 +106,14 @@ def directional(value: Any, parameters: Collection[str] = ()) -> Any:
     if pair == list(given.values())[:2]:
         return value
     return _renamed(value, lambda wi, wo, **rest: value(**{light.name: wi, viewer.name: wo}, **rest), signature, pair)
+
+
+@functools.lru_cache(maxsize=64)
+def _as_it_is(code: CodeType, parameters: Collection[str]) -> bool:
+    """True where a function of this code is f(wi, wo): a factory makes one for each value of its parameters."""
+    names = code.co_varnames[code.co_posonlyargcount : code.co_argcount]
+    pair, normals, _ = _vectors_of(names, parameters)
+    return not _angles_of(names) and (not pair or (not normals and pair == list(names[:2])))
 
 
 def geometry(names: Iterable[str]) -> set[str]:

@@ -17,8 +17,6 @@ from brdfcheck.brdf.callables import Finding
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
-from brdfcheck.proof.certify import certify_family
-from brdfcheck.proof.cover import NotProved
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict.checks import CHECKS, Evidence
 from brdfcheck.verdict.measured import doubted, searched
@@ -175,6 +173,9 @@ def _proof(family: Family, place: Mapping[str, float] | None = None) -> Verdict 
 
     None where nothing is, or it is none of the formulas that proofs know.
     """
+    from brdfcheck.proof.certify import certify_family  # a quarter of a second, which functions do without
+    from brdfcheck.proof.cover import NotProved
+
     try:
         ranges = {name: (value, value) for name, value in (place or {}).items() if name in family.ranges}
         return Verdict[certify_family(family, ranges, most=_BOXES).verdict]
