@@ -151,6 +151,29 @@ def test_what_is_wrong_with_a_factory():
         evaluator.bind({"n": 6.0})(WI, WO)
 
 
+def test_numpy_gets_its_directions_component_by_component_where_it_takes_them():
+    orders = set()
+
+    def build(strict):
+        def f(wi, wo):
+            wi, wo = np.asarray(wi), np.asarray(wo)  # which JAX cannot trace
+            if len(wi) > 1:
+                orders.add(wi.flags.c_contiguous)
+            if strict and not (wi.flags.c_contiguous and wo.flags.c_contiguous):
+                raise TypeError("expected C-contiguous arrays")
+            return np.sum(wi * wo, axis=-1)
+
+        return f
+
+    values = []
+    for strict in (False, True):
+        bound = Evaluator(lambda strict=strict: build(strict), {}).bind({})
+        orders.clear()
+        values.append(bound(WI, WO))
+        assert orders == {strict}
+    np.testing.assert_array_equal(*values)
+
+
 def test_a_function_that_fails_later():
     def late(wi, wo):
         if len(np.asarray(wi)) > 3:

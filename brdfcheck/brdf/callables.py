@@ -237,9 +237,9 @@ class Evaluator:
         count = rows.stop - rows.start
         mine = np.arange(count) if table is None else table[rows]
         if self.slow:
-            view = np.stack(_turned(turn[rows], wo[:, mine]), axis=-1).reshape(-1, 3)
+            view = np.stack(_turned(turn[rows], wo[:, mine])).reshape(3, -1).T
             light = wi[:, rows] if wi.ndim == 3 else wi[:, rows, None]
-            light = np.broadcast_to(np.moveaxis(light, 0, 2), (count, BLOCK, 3)).reshape(-1, 3)
+            light = np.broadcast_to(light, (3, count, BLOCK)).reshape(3, -1).T
             return self._numpy_call(parameters[rows.start], light, view).reshape(count, BLOCK, -1)
         which, parameters, turn, light = jax.tree.map(
             lambda part: _filled_up(part, self._rows), (mine, parameters[rows], turn[rows], tuple(wi[:, rows]))
