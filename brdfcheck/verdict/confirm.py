@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from brdfcheck.quadrature.pointwise import GRAZING
-from brdfcheck.verdict.box import DECADES
+from brdfcheck.verdict.box import DECADES, Box
 from brdfcheck.verdict.climb import Climbs, climb
 from brdfcheck.verdict.poles import SUSPICIOUS, pole
 from brdfcheck.verdict.surface import GRAZES, Surface
@@ -138,9 +139,7 @@ class Confirmation:
         surface, angle = self.surface, self.surface.angle or 0
         rtol = surface.rtol_of_limits if limit else surface.rtol
         assert rtol is not None
-        _, mu, _ = surface.box.physical(place[None])
-        held = surface.box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
-        inner = surface.box.changed(cosines=(1.0, 1.0)) if held else surface.box
+        held, inner = self._held(place)
         if held and mixed is not None:
             mixed = np.delete(np.delete(mixed, angle, axis=0), angle, axis=1)
         value, error, near = surface.beside(place, rtol, limit=limit)
@@ -194,6 +193,13 @@ class Confirmation:
             self._inwards(place, value, error)
         elif not limit:
             self._outwards(place)
+
+    def _held(self, place: np.ndarray) -> tuple[bool, Box]:
+        """Whether a place lies at an end of the angle, and the box of a climb from there: without the angle where it does."""
+        box = self.surface.box
+        _, mu, _ = box.physical(place[None])
+        held = box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
+        return held, box.changed(cosines=(1.0, 1.0)) if held else box
 
     def _crest(self, place: np.ndarray, radius: float) -> float:
         """How much higher a kink at a place may go where it runs across the axes, by the rule of a verdict.
@@ -328,11 +334,16 @@ class Confirmation:
 
     def _climbed(self, place: np.ndarray) -> Climbs:
         """A climb by the rule of a verdict at each point, which is confirmed."""
-        surface = self.surface
+        surface, angle = self.surface, self.surface.angle or 0
+        held, inner = self._held(place)
+
+        def whole(unit: np.ndarray) -> np.ndarray:
+            return np.insert(unit, angle, place[angle], axis=1) if held else unit
+
         ends = climb(
-            lambda unit: surface.produce(unit, surface.rtol),
-            surface.box,
-            place[None],
+            lambda unit: surface.produce(whole(unit), surface.rtol),
+            inner,
+            (np.delete(place, angle) if held else place)[None],
             _ARM,
             goal=surface.rise(1e-10),
             rounds=8,
@@ -340,7 +351,10 @@ class Confirmation:
             calm=1,
             check=self.check,
         )
+        ends = replace(ends, places=whole(ends.places))
         self._add(ends.places, ends.values, ends.errors, surface.rtol, gaps=ends.known_gaps, settled=ends.settled, climbed=True)
+        if held:
+            self._inwards(ends.places[0], float(ends.values[0]), float(ends.errors[0]))
         return ends
 
     def _was_tried(self, place: np.ndarray) -> bool:
