@@ -156,8 +156,13 @@ class PointwiseAlbedo:
 
     @property
     def levels(self) -> int:
-        """How many levels `estimate` has."""
-        return len(_LEVELS) if self.evaluator is not None else 1 + self.engine.effort
+        """How many levels `estimate` has.
+
+        One where a theorem has the verdict and a point is cheap: a second program to compile takes longer than what it saves.
+        """
+        if self.evaluator is not None:
+            return len(_LEVELS)
+        return 1 if self.bounded and self.family.surface is None else 1 + self.engine.effort
 
     @property
     def monotone(self) -> bool:

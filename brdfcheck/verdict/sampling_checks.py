@@ -85,12 +85,13 @@ def shares(
         numbers = {**parameters, BELOW: below} if BELOW in family.ranges else dict(parameters)
         assert family.surface is not None
         surface = family.surface(**numbers)
-        parts = (
-            integrated(surface.lit(below, part), max(cosine, _NEAR_GRAZING), azimuth=azimuth, rtol=_SHARES).value
-            for part in ("reflected", "transmitted")
-        )
-        reflected, passing = (np.atleast_1d(np.asarray(part)) for part in parts)
-        channel = int(np.argmax(reflected + passing))
+        mu = max(cosine, _NEAR_GRAZING)
+        reflected = integrated(surface.lit(below, "reflected"), mu, azimuth=azimuth, rtol=_SHARES).value
+        # By the search's own program; one for what is transmitted would be another to compile.
+        place = np.array([[numbers[name] for name in albedo.names]]), np.array([mu]), np.array([azimuth])
+        both, _ = albedo.channels(*place, rtol=None if albedo.fast else _SHARES)
+        reflected, both = np.atleast_1d(np.asarray(reflected)), np.ravel(both)
+        passing, channel = np.maximum(both - reflected, 0), int(np.argmax(both))
         found.append(("from below" if below else "from above", float(reflected[channel]), float(passing[channel])))
     return found
 
