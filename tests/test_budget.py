@@ -193,7 +193,7 @@ def test_the_work_of_the_parts_is_that_of_the_whole(document):
         plan = knobs.plan_of(scene, choice)
         numbers = Compiler(scene)._numbers(plan)
         whole = traced(
-            lambda numbers, plan=plan: programs._picture(scene, plan, numbers), numbers, loops=(plan.bounces or 0.0,)
+            lambda numbers, plan=plan: programs._picture(scene, plan, numbers, None), numbers, loops=(plan.bounces or 0.0,)
         )
         assert work_of(Compiler(scene), plan) == pytest.approx(whole, rel=1e-3)
 
@@ -219,7 +219,7 @@ def test_of_many_lights_not_every_number_is_tried_and_each_kind_is_traced_once(m
     assert all(more > fewer for fewer, more in itertools.pairwise(works))
     plan = knobs.plan_of(scene, {})
     numbers = compiler._numbers(plan)
-    assert works[-1] == pytest.approx(traced(lambda numbers: programs._picture(scene, plan, numbers), numbers), rel=1e-3)
+    assert works[-1] == pytest.approx(traced(lambda numbers: programs._picture(scene, plan, numbers, None), numbers), rel=1e-3)
     brightest = knobs.plan_of(scene, {"lights": rungs[4]}).lights
     assert [float(light.intensity[0]) for light in brightest] == pytest.approx([0.1 * 0.8**k for k in range(5)])
 
@@ -241,6 +241,13 @@ def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
     for image in (compiler.picture(part).image, compiler.program(part).image()):
         np.testing.assert_allclose(image, compiler.program(full).image(), atol=1e-13)
     np.testing.assert_array_equal(compiler.picture(part).covered, compiler.picture(full).covered)
+    # A frame is drawn into again and again, and what was seen of it before stays as it was.
+    program = compiler.program(part)
+    first = program.image()
+    kept = first.copy()
+    assert program.seconds() > 0
+    np.testing.assert_array_equal(program.image(), kept)
+    np.testing.assert_array_equal(first, kept)
     outside = 40 * 60 - (bottom - top) * (right - left)
     assert work_of(compiler, full) - work_of(compiler, part) >= 0.99 * outside * compiler.shading(full) > 0
 
@@ -249,10 +256,13 @@ def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
     ("document", "choices"),
     [
         (GLOSSY, [{}, {"precision": "float32", "light": "distant"}, {"lobe": "Lyon w=2, exact factor"}]),
-        ({"size": 20, "material": MATT, "lights": [PANEL], "room": ROOM}, [{}, {"bounces": "2", "precision": "float32"}]),
+        (
+            {"size": 20, "material": MATT, "lights": [PANEL], "room": ROOM},
+            [{}, {"bounces": "2", "precision": "float32"}, {"cells": "2 x 2"}],
+        ),
         (
             {"size": 20, "geometry": {"kind": "icosphere", "level": 2}, **{key: GLOSSY[key] for key in ("material", "lights")}},
-            [{}, *({"facets": f"80 faces, {name}"} for name in ("flat", "Gouraud", "Phong"))],
+            [{}, {"facets": "the sphere itself"}, *({"facets": f"80 faces, {name}"} for name in ("flat", "Gouraud", "Phong"))],
         ),
         ({"size": 20, "material": {"kind": "translucent", "base": 0.5}, "lights": [DISTANT]}, [{}, {"lobe": "Schlick"}]),
     ],
@@ -569,17 +579,28 @@ def test_facets_approach_those_of_the_scene():
     full = compiler.picture(knobs.plan_of(scene, {}))
     np.testing.assert_allclose(full.image, scene.picture.render(), atol=2e-6)
     (ladder,) = (knob.rungs for knob in knobs.knobs_of(scene) if knob.name == "facets")
-    assert ladder[0] == "20 faces, flat"
+    assert ladder[:2] == ("the sphere itself", "20 faces, flat")
     assert ladder[-1] == "1280 faces, Phong"
     last = compiler.picture(knobs.plan_of(scene, {"facets": ladder[-1]}))
     np.testing.assert_allclose(last.image, full.image, atol=1e-12)
     found = []
-    for name in ("20 faces, flat", "320 faces, Phong"):
+    for name in ("20 faces, flat", "320 faces, Phong", ladder[0]):
         picture = compiler.picture(knobs.plan_of(scene, {"facets": name}))
         both = picture.covered & full.covered
         assert 200 < both.sum() <= full.covered.sum()
         found.append(np.abs(picture.image - full.image)[:, both].max())
     assert found[0] > 2 * found[1] > 0
+    assert 0 < found[2] < found[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("silhouette", [False, True])
+def test_the_sphere_stands_for_its_facets_where_the_outline_does_not_matter(silhouette):
+    icosphere = {"kind": "icosphere", "level": 2}
+    found = measure({**ICOSPHERE, "geometry": icosphere, "matters": {"pixel": 0.1, "silhouette": silhouette}}).choose()
+    assert (found.chosen["facets"] == "the sphere itself") != silhouette
+    assert (found.cost < 0.05) != silhouette
+    assert found.verified.pixel < 0.1
 
 
 def test_a_picture_that_does_not_repeat_is_an_error(glossy, monkeypatch):
@@ -657,7 +678,7 @@ def test_meshes_and_functions_of_users_have_budgets(tmp_path):
         ({"lights": [{"kind": "environment"}]}, ["lobe", "surrounding", "precision"]),
         ({"lights": [DISTANT, {"kind": "environment"}]}, ["lobe", "surrounding", "lights", "precision"]),
         ({"material": MATT, "lights": [DISTANT, {"kind": "environment"}]}, ["lights", "precision"]),
-        ({"room": {"reflectance": 0.5, "emission": 1}}, ["lobe", "light", "bounces", "precision"]),
+        ({"room": {"reflectance": 0.5, "emission": 1}}, ["lobe", "light", "bounces", "cells", "precision"]),
         ({"geometry": {"kind": "icosphere"}, "lights": [DISTANT]}, ["lobe", "facets", "precision"]),
         ({"geometry": {"kind": "zigzag"}, "lights": [DISTANT]}, ["lobe", "shading", "precision"]),
         ({"geometry": {"kind": "zigzag", "shading": "flat"}, "lights": [DISTANT]}, ["lobe", "precision"]),

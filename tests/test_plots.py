@@ -207,6 +207,39 @@ def test_few_colours_keep_the_colour_of_a_small_patch():
     assert np.abs(after[patch] - (0x88, 0x22, 0x55)).max() <= 20  # it was 35 off
 
 
+def test_a_page_s_svg_draws_the_same_in_less_space():
+    long, short = (plots.to_bytes(plots.figure("albedo-vs-n", [PUBLISHED]), ".svg", widest=w) for w in (None, 1200))
+
+    def drawn(svg: bytes) -> list[tuple[str, dict[str, str], str]]:
+        """Every element with its style and its commands, each written out, and its text."""
+        root = ElementTree.fromstring(svg)
+        (rules,) = (element for element in root.iter() if element.tag.endswith("style"))
+        styles = dict(re.findall(r"\.(s\d+)\{([^}]*)\}", rules.text or ""))
+        rules.text, found = "", []
+        for element in root.iter():
+            given = dict(element.attrib)
+            given.pop("id", None)
+            if "class" in given:
+                given["style"] = styles[given.pop("class")]
+            if "d" in given:
+                commands = re.findall(r"([A-Za-z])([^A-Za-z]*)", given["d"])
+                pairs = [(name, numbers.split()) for name, numbers in commands]
+                # What follows a move's pair of numbers are lines.
+                given["d"] = str([
+                    ("L" if name == "M" and k else name, numbers[k : k + 2])
+                    for name, numbers in pairs for k in range(0, max(len(numbers), 1), 2)
+                ])  # fmt: skip
+            found.append((element.tag, given, (element.text or "").strip()))
+        return found
+
+    rounded = re.sub(rb' (?:d|x|y)="[^"]*"', lambda part: re.sub(rb"(\.\d)\d+", rb"\1", part[0]), long)
+    assert drawn(short) == drawn(rounded)
+    assert len(short) < 0.7 * len(rounded)
+    names = re.findall(rb' id="([^"]*)"', short)
+    assert set(re.findall(rb'#([\w-]+)[")]', short)) == set(names)
+    assert b"style=" not in short
+
+
 def test_limits_and_scale():
     figure = plots.figure("albedo-vs-n", [PUBLISHED], scale="linear", limits=(0.99, 1.02), title="Zoom")
     assert figure.axes[0].get_ylim() == (0.99, 1.02)

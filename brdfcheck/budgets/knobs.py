@@ -64,12 +64,14 @@ _FITTED = MappingProxyType({
     "binomial k=16": "binomial-power",
 })  # fmt: skip
 _BOUNCES = (0, 1, 2, 4, 8, 16, 32)
+_CELLS = (2, 4, 8)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _TABLES = (8, 32, 128)
 # A box around the object is tried where it is less than this part of the picture.
 _MOST_WINDOW = 0.9
 _FEW = 8  # numbers of lights of which each is tried
 _SHADINGS = ("flat", "Gouraud", "Phong")
+_SPHERE = "the sphere itself"
 PRECISIONS = ("float16", "float32", "float64")
 _FRESNELS = ("none", "schlick", "exact")
 
@@ -126,7 +128,8 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
         levels = range(_level(len(mesh.faces)) + 1) if scene.facets else ()
         if scene.facets:
             rungs = tuple(f"{20 * 4**level} faces, {shading}" for level in levels for shading in shadings)
-            found.append(Knob("facets", "facets and interpolation", rungs))
+            # What an icosphere stands for needs no search for the face that is seen.
+            found.append(Knob("facets", "facets and interpolation", (_SPHERE, *rungs)))
         elif len(shadings) > 1:
             found.append(Knob("shading", "interpolation", shadings))
     top, bottom, left, right = _window(scene)
@@ -135,6 +138,8 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
         found.append(Knob("window", "pixels shaded", (around, "all")))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
+        counts = (*(count for count in _CELLS if count < scene.room.cells), scene.room.cells)
+        found.append(Knob("cells", "patches of a wall", tuple(f"{count} x {count}" for count in counts)))
     if glossy := _surrounded(scene):
         # Of lobes about an axis a rule in one dimension gives the albedo.
         simple = all(term.fresnel == "none" and isinstance(term.brdf.core, AbstractZonalLobe) for term in glossy)
@@ -186,6 +191,7 @@ class Plan:
 
     `facets`: (level of an icosphere or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for
     all.
+    `cells`: patches along an edge of the room, None for the scene's own.
     `window`: rows and columns of the picture that are shaded, None for all.
     `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself. `table`: at how many cosines what is
     reflected of a surrounding is computed, to be looked up in each pixel; None to compute it there.
@@ -196,6 +202,7 @@ class Plan:
     dtype: str
     facets: tuple[int | None, str] | None = None
     bounces: int | None = None
+    cells: int | None = None
     quadrature: int | None = None
     table: int | None = None
     window: tuple[int, int, int, int] | None = None
@@ -205,10 +212,10 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
     """The plan of a choice. ValueError, with the reason, where a BRDF of it does not conserve energy or has no such factor."""
     mesh = scene.picture.mesh
     facets = None
-    if "facets" in choice:
+    if "facets" in choice and choice["facets"] != _SPHERE:
         count, _, shading = choice["facets"].partition(" faces, ")
         facets = (_level(int(count)), shading.lower())
-    elif mesh is not None:
+    elif mesh is not None and "facets" not in choice:
         facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
     bounces, surrounding = choice.get("bounces", "all"), choice.get("surrounding", "furnace")
     lights = _lights(scene, choice.get("light", "polygon"))
@@ -221,6 +228,7 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
         choice.get("precision", "float64"),
         facets,
         None if bounces == "all" else int(bounces),
+        int(choice["cells"].split()[0]) if "cells" in choice else None,
         int(surrounding.split()[0]) if surrounding.endswith("nodes") else None,
         int(surrounding.split()[-1]) if surrounding.startswith("table") else None,
         None if choice.get("window", "all") == "all" else _numbers_in(choice["window"]),

@@ -40,7 +40,7 @@ _SLOWER = 1.25
 _DEPENDS = {
     "seeing": ("facets", "shading", "window", "precision"),
     "shading": ("lobe", "fresnel", "metal", "light", "lights", "surrounding", "precision"),
-    "room": ("bounces", "precision"),
+    "room": ("bounces", "cells", "precision"),
 }  # fmt: skip
 # Scenes whose measurements are kept.
 _KEPT = 8

@@ -58,21 +58,31 @@ class Picture(NamedTuple):
 
 @dataclass
 class Program:
-    """A compiled plan with its numbers. Programs of one `key` take the same time."""
+    """A compiled plan with its numbers. Programs of one `key` take the same time.
+
+    `frame`: where not all pixels are shaded, the background that the others are drawn over, again in each picture.
+    """
 
     compiled: Any
     numbers: Any
     key: Any
+    frame: Array | None = None
 
     def image(self) -> Image:
         """The picture in linear light, in the program's own precision."""
-        return np.asarray(self.compiled(self.numbers))
+        return np.array(self._drawn())  # a copy: the next picture is drawn into the same frame
 
     def seconds(self) -> float:
         """The time of one picture."""
         began = time.perf_counter()
-        self.compiled(self.numbers).block_until_ready()
+        self._drawn().block_until_ready()
         return time.perf_counter() - began
+
+    def _drawn(self) -> Array:
+        drawn = self.compiled(self.numbers, self.frame)
+        if self.frame is not None:
+            self.frame = drawn
+        return drawn
 
 
 @dataclass
@@ -89,18 +99,16 @@ class Compiler:
     def program(self, plan: Plan) -> Program:
         """The plan, compiled. ValueError for lights and materials that do not go together."""
         numbers = self._numbers(plan)
-        structure = (
-            jax.tree.structure(numbers),
-            plan.dtype,
-            plan.facets,
-            plan.bounces is None,
-            plan.quadrature,
-            plan.table,
-            plan.window,
-        )
+        structure = (jax.tree.structure(numbers), replace(plan, material=None, lights=(), bounces=plan.bounces is None))
+        # Outside of a window there is the background, whatever is drawn: a frame is filled with it once.
+        frame = None if plan.window is None else jnp.array(_behind(self.scene, numbers))
+
+        def picture(numbers: Any, frame: Array | None) -> Array:
+            return _picture(self.scene, plan, numbers, frame)
+
         if structure not in self._known:
-            self._known[structure] = jax.jit(lambda numbers: _picture(self.scene, plan, numbers)).lower(numbers).compile()
-        return Program(self._known[structure], numbers, (structure, plan.bounces))
+            self._known[structure] = jax.jit(picture, donate_argnums=1).lower(numbers, frame).compile()
+        return Program(self._known[structure], numbers, (structure, plan.bounces), frame)
 
     def picture(self, plan: Plan) -> Picture:
         """The picture of a plan by steps that plans share: what is seen where, how its points look, both together.
@@ -108,18 +116,22 @@ class Compiler:
         So many pictures need few programs. They differ from those of `program` by rounding alone.
         """
         numbers, dtype = self._numbers(plan), plan.dtype
-        level, shading = plan.facets or (None, None)
+        shading = plan.facets and plan.facets[1]
         shown = {name: value for name, value in self._filled(numbers).items() if name in _SHOWN}
+
+        def see(shown: Any) -> Any:
+            return _sight(self.scene, plan, shown)
+
         sight = self._once(
-            ("sight", level, plan.window, dtype),
-            lambda: self._jit(("see", plan.window, dtype), lambda shown: _sight(self.scene, plan, shown))(shown),
+            ("sight", _object(plan), plan.window, dtype),
+            lambda: self._jit(("see", plan.facets is None, plan.window, dtype), see)(shown),
         )
         points, shape = self._once(("points", plan.facets, plan.window, dtype), lambda: self._points(plan, shown, sight))
         room = None
         if self.scene.room is not None:
             given = {name: numbers[name] for name in ("room", "bounces")}
             step = self._jit(("moments", plan.bounces is None, dtype), lambda given: _moments(plan, given))
-            room = self._once(("moments", plan.bounces, dtype, "found"), lambda: step(given))
+            room = self._once(("moments", plan.bounces, plan.cells, dtype, "found"), lambda: step(given))
 
         def look(material: Any, lights: Any, room: Any, block: Array) -> Array:
             return _shader(plan, {"material": material, "lights": lights}, room)(*map(Vector._make, block))
@@ -163,7 +175,7 @@ class Compiler:
     def _filled(self, numbers: dict[str, Any]) -> dict[str, Any]:
         """A mesh with faces of no area, none of which is drawn, to the size of the scene's own: the same programs show it."""
         mesh = self.scene.picture.mesh
-        if mesh is None:
+        if mesh is None or "faces" not in numbers:
             return numbers
         own = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
         return numbers | {name: np.pad(numbers[name], ((0, most - len(numbers[name])), (0, 0))) for name, most in own.items()}
@@ -187,8 +199,8 @@ class Compiler:
         def black(numbers: Any, found: Any) -> Any:
             return _drawn(self.scene, plan, numbers, found, _black)
 
-        level, loops = plan.facets and plan.facets[0], _loops(self.scene, numbers)
-        work = self._work(("finding", level, plan.window), plan.dtype, sight, numbers, loops=loops)
+        loops = _loops(self.scene, numbers)
+        work = self._work(("finding", _object(plan), plan.window), plan.dtype, sight, numbers, loops=loops)
         drawing = self._work(("drawing", plan.facets, plan.window), plan.dtype, black, numbers, found)
         return work + drawing, _points(self.scene, plan)
 
@@ -196,7 +208,7 @@ class Compiler:
         """The shapes of what is seen where, and of the points, normals and views that are shaded."""
         numbers = self._numbers(replace(plan, dtype="float64"))
         found = self._once(
-            ("shapes", plan.facets and plan.facets[0], plan.window),
+            ("shapes", _object(plan), plan.window),
             lambda: jax.eval_shape(lambda numbers: _sight(self.scene, plan, numbers), numbers),
         )
 
@@ -238,15 +250,21 @@ class Compiler:
         if self.scene.room is None:
             return 0.0
         numbers = self._numbers(replace(plan, dtype="float64"))["room"]
-        return self._work(("bounces", plan.bounces), plan.dtype, lambda room: at_middle(room, plan.bounces), numbers)
+        key = ("bounces", plan.bounces, plan.cells)
+        return self._work(key, plan.dtype, lambda room: at_middle(room, plan.bounces), numbers)
 
     def _numbers(self, plan: Plan) -> dict[str, Any]:
-        dtype = jnp.dtype(plan.dtype)
-        if self.scene.room is not None and "room" not in self._known:
-            self._known["room"] = room_numbers(self.scene.room)
-        numbers = _of_scene(self.scene, plan) | ({"room": self._known["room"]} if self.scene.room is not None else {})
+        dtype, numbers = jnp.dtype(plan.dtype), _of_scene(self.scene, plan)
+        if self.scene.room is not None:
+            room = self.scene.room.model_copy(update={"cells": plan.cells or self.scene.room.cells})
+            numbers["room"] = self._once(("room", room.cells), lambda: room_numbers(room))
         numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if eqx.is_inexact_array(leaf) else leaf, numbers)
         return numbers | ({"bounces": jnp.asarray(plan.bounces or 0, jnp.int32)} if self.scene.room is not None else {})
+
+
+def _object(plan: Plan) -> Any:
+    """What of the scene is seen: the exact sphere, its own mesh, or an icosphere of a level."""
+    return "sphere" if plan.facets is None else plan.facets[0]
 
 
 def _points(scene: Scene, plan: Plan) -> int:
@@ -295,9 +313,9 @@ def _of_scene(scene: Scene, plan: Plan) -> dict[str, Any]:
     return numbers | {"vertices": mesh.vertices, "faces": mesh.faces}
 
 
-def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Array:
+def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any], frame: Array | None) -> Array:
     moments = None if scene.room is None else _moments(plan, numbers)
-    return _drawn(scene, plan, numbers, _sight(scene, plan, numbers), _shader(plan, numbers, moments))
+    return _drawn(scene, plan, numbers, _sight(scene, plan, numbers), _shader(plan, numbers, moments), frame)
 
 
 def _shader(plan: Plan, numbers: Mapping[str, Any], moments: Array | None) -> Shader:
@@ -340,8 +358,14 @@ def _sight(scene: Scene, plan: Plan, numbers: Mapping[str, Any]) -> Any:
     )
 
 
-def _drawn(scene: Scene, plan: Plan, numbers: Mapping[str, Any], sight: Any, shader: Shader) -> Array:
-    """The picture of what is seen."""
+def _behind(scene: Scene, numbers: Mapping[str, Any]) -> Array:
+    return jnp.broadcast_to(spread(numbers["background"], 2), (3, *scene.picture.size))
+
+
+def _drawn(
+    scene: Scene, plan: Plan, numbers: Mapping[str, Any], sight: Any, shader: Shader, frame: Array | None = None
+) -> Array:
+    """The picture of what is seen, over the background or a `frame` that is filled with it."""
     if plan.facets is None:
         covered, *place = sight
         image = shader(*place)
@@ -349,11 +373,9 @@ def _drawn(scene: Scene, plan: Plan, numbers: Mapping[str, Any], sight: Any, sha
         fragments, normals = sight
         mesh = Mesh(numbers["vertices"], numbers["faces"])
         covered, image = fragments.covered, SHADINGS[plan.facets[1]](mesh, numbers["camera"], fragments, normals, shader)
-    if plan.window is None:
-        return jnp.where(covered, image, spread(numbers["background"], 2))
-    behind = jnp.broadcast_to(spread(numbers["background"], 2), (3, *scene.picture.size))
-    rows, columns = _part(plan)
-    return behind.at[:, rows, columns].set(jnp.where(covered, image, behind[:, rows, columns]))
+    behind, (rows, columns) = _behind(scene, numbers), _part(plan)
+    shown = jnp.where(covered, image, behind[:, rows, columns])
+    return shown if plan.window is None else (behind if frame is None else frame).at[:, rows, columns].set(shown)
 
 
 def _part(plan: Plan) -> Part:

@@ -138,7 +138,7 @@ def draw(axes: Any, record: Mapping[str, Any]) -> None:
     low = min([rung["cost"] for rung in rungs] + [x for x, _, _ in points])
     high = max([rung["cost"] for rung in rungs] + [1.0])
     axes.set(xscale="log", yscale="log", ylim=(floor / 3, top), xlim=(low / 1.3, high * 1.3))
-    steps_of_decade = ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.4, 1.6, 1.8, *(k / 2 for k in range(4, 20))))
+    steps_of_decade = ((1,), (1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.4, 1.6, 1.8, *(k / 2 for k in range(4, 20))))
     for marks in steps_of_decade:
         ticks = [mark * 10.0**k for k in range(-5, 3) for mark in marks if low / 1.3 <= mark * 10.0**k <= high * 1.3]
         if len(ticks) >= 3:

@@ -81,11 +81,27 @@ def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes
     if suffix != ".svg" or widest is None:
         return stream.getvalue()
     text = _EMBEDDED.sub(lambda png: base64.b64encode(with_few_colours(base64.b64decode(png[0]))), stream.getvalue())
-    return _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path[0]), text)
+    return _short(text)
 
 
-# Coordinates of paths and of markers to a tenth of a point.
+def _short(svg: bytes) -> bytes:
+    """The same figure in half the space, coordinates rounded to a tenth of a point."""
+    text = _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path[0]), svg)
+    # Pairs of numbers that follow a line's or a move's are lines.
+    text = _INDENT.sub(b"\n", _LINES.sub(lambda run: run[0].replace(b" \nL ", b" "), text))
+    named = set(_NAMED.findall(text))
+    text = _ID.sub(lambda name: name[0] if name[1] in named else b"", text)
+    # Each marker carries its style: they are rules, each written once.
+    styles = {style: b"s%d" % number for number, style in enumerate(dict.fromkeys(_STYLE.findall(text)))}
+    rules = b"".join(b"\n.%s{%s}" % (name, style) for style, name in styles.items())
+    text = _STYLE.sub(lambda style: b' class="%s"' % styles[style[1]], text)
+    return text.replace(b"</style>", rules + b"</style>", 1)
+
+
+# Coordinates of paths and of markers.
 _PATHS, _DIGITS = re.compile(rb' (?:d|x|y)="[^"]*"'), re.compile(rb"(\.\d)\d+")
+_LINES, _INDENT = re.compile(rb"[ML] \S+ \S+(?: \nL \S+ \S+)+"), re.compile(rb"\n +")
+_ID, _NAMED, _STYLE = re.compile(rb' id="([^"]*)"'), re.compile(rb'#([^")]+)[")]'), re.compile(rb' style="([^"]*)"')
 _EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
 
 
