@@ -98,6 +98,26 @@ def test_what_the_studies_found():
     )
 
 
+def test_the_command_writes_a_report_and_the_gallery(run, here, monkeypatch):
+    """Of the record that was measured above."""
+
+    found = small("raw_albedo")
+
+    def measured(study, size, given):
+        assert (study.name, size, given) == ("raw_albedo", "small", ())
+        return found
+
+    monkeypatch.setattr(studies, "record_of", measured)
+    code, out, err = run("study", "raw_albedo", "--size", "small", "--out", "deep/er")
+    assert (code, err) == (0, "")
+    report, gallery = out.splitlines()
+    assert report.startswith("raw_albedo  ")
+    assert report.endswith("wrote deep/er/raw_albedo: record.json, figure.png, figure.svg, summary.md")
+    assert gallery == "wrote deep/er/README.md"
+    assert sorted(os.listdir("deep/er/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
+    assert run("plot", "albedo-vs-n", "deep/er/raw_albedo/record.json")[0] == 0
+
+
 @pytest.mark.slow
 def test_what_the_study_of_incidence_found():
     ratios = small("incidence")["summary"]["ratios"]
