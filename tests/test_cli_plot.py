@@ -10,11 +10,11 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from selection import few
+from shared import Run
 
 import brdfcheck
 from brdfcheck import cli
@@ -56,9 +56,6 @@ def _no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 def mine(here: Path) -> str:
     (here / "mine.py").write_text(textwrap.dedent(MINE))
     return "mine.py"
-
-
-Run = Callable[..., tuple[int, str, str]]
 
 
 # --- what is written ---

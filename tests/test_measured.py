@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 from measured import ggx, ggx_albedo, lambert, merl_bytes, merl_directions, rgl_arrays, rgl_bytes, tensor_file, write
+from shared import Run
 
 import brdfcheck
 from brdfcheck import check, load
@@ -20,7 +20,6 @@ from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.samples import TIMES, bars
 from brdfcheck.verdict import Report, Verdict
 
-Run = Callable[..., tuple[int, str, str]]
 LIGHTS = np.radians([0, 10, 20, 30, 40, 50, 60, 70, 80, 88])
 COARSE = np.radians([0, 25, 50, 75, 88])
 STEEP = (0.8, 0.8)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from selection import few
+from shared import strict_json
 
 import brdfcheck
 from brdfcheck import processes, studies
@@ -29,10 +30,6 @@ LONG = {"shader_corpus": 180, "user_brdfs": 480, "materialx_surfaces": 240, "ver
 def small(name: str) -> dict[str, Any]:
     """The record of a study at its small size, measured once."""
     return studies.record_of(STUDIES[name], "small")
-
-
-def refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not strict JSON")
 
 
 @pytest.mark.parametrize("name", list(STUDIES))
@@ -72,7 +69,7 @@ def test_the_small_size_runs(name, reports):
     place = studies.write_report(study, record, reports)
     files = os.listdir(place)
     assert set(studies.FILES) <= set(files)
-    written = json.loads((place / "record.json").read_text(), parse_constant=refuse)
+    written = strict_json((place / "record.json").read_text())
     assert written["schema"] == "brdfcheck-results"
     assert written["settings"]["size"] == "small"
     assert {"versions", "device", "results", "summary", "question", "answer"} <= set(written)
