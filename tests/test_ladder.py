@@ -35,11 +35,10 @@ def test_a_rungs_loss_is_what_the_albedo_shows():
         assert rung.lost == pytest.approx(1 - value, abs=1e-11)
 
 
-def test_phong_needs_two_constants_and_costs_are_measured():
-    rungs = {rung.form: rung for rung in factor_ladder(Phong)}
+def test_phong_needs_two_constants():
+    rungs = {rung.form: rung for rung in factor_ladder(Phong, measure=False)}
     assert rungs["(n+A)/B"].lost < 1e-9
     assert rungs["n/B"].lost == pytest.approx(2 / 3, abs=1e-2)
-    assert all(rung.nanoseconds > 0 for rung in rungs.values())
 
 
 def test_operations_are_counted_as_by_hand():
@@ -53,3 +52,5 @@ def test_operations_are_counted_as_by_hand():
 def test_cost_is_measured():
     cheap, dear = cost(lambda n: n), cost(lambda n: jnp.sin(n) + jnp.cos(2 * n) + jnp.arctan2(n, 3.0))
     assert 0 < cheap < dear < 1000
+    rungs = factor_ladder(Phong, (1, 10))
+    assert all(rung.nanoseconds > 0 for rung in rungs)
