@@ -17,7 +17,6 @@ Rules of samples have a study of their own (stability_sampling), as have derivat
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from _instruments import stability
@@ -26,17 +25,15 @@ from brdfcheck.studies import table
 
 __all__ = ["pictures", "plot", "run", "summary"]
 
-SETTINGS = {"lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 6, "half-vector": 5, "closed-form": 64}
 EAGER = ("phong", "ggx")
 SMALL = ("phong", "kb", "ggx")
 
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the production rule and of others that know where the lobe is."""
-    references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    references = {name: one for name, one in references.items() if size == "full" or name in SMALL}
+    references = stability.read_references(None if size == "full" else SMALL)
     jobs = [stability.Job("production", stability.production, name) for name in references]
-    jobs += stability.of_rules(SETTINGS if size == "full" else {"zonal": 6}, references)
+    jobs += stability.of_rules(stability.FOLLOWING if size == "full" else {"zonal": 6}, references)
     if size == "full":
         jobs += stability.of_rules({"adaptive": 1e-3}, stability.KINDS)
     eager = EAGER if size == "full" else EAGER[:1]

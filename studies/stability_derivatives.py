@@ -14,7 +14,6 @@ longest to compile, for Phong's lobe and GGX.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from _instruments import stability
@@ -22,24 +21,17 @@ from _instruments.outcome_charts import page, pictures, plot
 
 __all__ = ["pictures", "plot", "run", "summary"]
 
-SETTINGS = {
-    "uniform-monte-carlo": 4096, "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "r2-lattice": 4096,
-    "midpoint-product": 32, "gauss-product": 32, "lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 6, "half-vector": 5,
-    "closed-form": 64,
-}  # fmt: skip
 OTHERS = ("phong", "ggx")
 SMALL = ("phong",)
 
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the derivatives of the production rule and of the others."""
-    references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    references = {name: one for name, one in references.items() if size == "full" or name in SMALL}
+    references = stability.read_references(None if size == "full" else SMALL)
     # To 1e-3 it does not matter in which instructions float64 computes; in float32 it does: these are the ones of production.
     jobs = [stability.Job("production", stability.production, name, "derivatives") for name in references]
-    jobs += stability.of_rules(
-        SETTINGS if size == "full" else {"gauss-product": 32}, [name for name in OTHERS if name in references], "derivatives"
-    )
+    rules = stability.SAMPLING | stability.FOLLOWING if size == "full" else {"gauss-product": 32}
+    jobs += stability.of_rules(rules, [name for name in OTHERS if name in references], "derivatives")
     return stability.measured(jobs, references)
 
 

@@ -13,7 +13,6 @@ samples each by chance, from a Sobol sequence or an R2 lattice, and product rule
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from _instruments import stability
@@ -21,18 +20,13 @@ from _instruments.outcome_charts import CELLS, page, pictures, plot
 
 __all__ = ["pictures", "plot", "run", "summary"]
 
-SETTINGS = {
-    "uniform-monte-carlo": 4096, "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "r2-lattice": 4096,
-    "midpoint-product": 32, "gauss-product": 32,
-}  # fmt: skip
 SMALL = ("phong", "kb", "ggx")
 
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of rules whose samples do not follow the lobe, and of lobe-importance Monte Carlo."""
-    references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    references = {name: one for name, one in references.items() if size == "full" or name in SMALL}
-    jobs = stability.of_rules(SETTINGS if size == "full" else {"gauss-product": 32}, references)
+    references = stability.read_references(None if size == "full" else SMALL)
+    jobs = stability.of_rules(stability.SAMPLING if size == "full" else {"gauss-product": 32}, references)
     return stability.measured(jobs, references)
 
 

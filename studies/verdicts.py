@@ -14,7 +14,6 @@ if and only if e is within the tolerance. UNDECIDED is never false: it says that
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from _instruments import stability
@@ -34,8 +33,7 @@ LABELS = {
 def run(size: str = "full") -> dict[str, Any]:
     """Counts of right, undecided and false verdicts."""
     full = size == "full"
-    references = stability.read_references(Path(__file__).with_name("stability.csv"))
-    chosen = [reference for name, reference in references.items() if full or name in SMALL]
+    chosen = list(stability.read_references(None if full else SMALL).values())
     found = stability.all_verdicts(chosen, 2000 if full else 20, processes=min(2, len(available_cores())) if full else 1)
     results = [{"of": of, **found[of]} for of in LABELS]
     summary = {key: sum(found[of][key] for of in LABELS) for key in ("verdicts", "false", "undecided")}

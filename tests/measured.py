@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -58,6 +59,7 @@ def ggx_albedo(alpha: float, cos_theta: float) -> float:
 # --- MERL ---
 
 
+@functools.cache
 def merl_directions() -> tuple[np.ndarray, np.ndarray]:
     """wi and wo in the middle of each bin, (90, 90, 180, 3) both; the half vector lies over the x axis."""
     h, d, p = ((np.arange(size) + 0.5) / size for size in MERL)
@@ -99,7 +101,7 @@ def tensor_file(arrays: dict[str, np.ndarray]) -> bytes:
 def _bisected(rises: Callable[[np.ndarray], np.ndarray], goal: np.ndarray) -> np.ndarray:
     """Where a rising function of [0, 1] reaches `goal`."""
     low, high = np.zeros_like(goal), np.ones_like(goal)
-    for _ in range(50):
+    for _ in range(32):  # the values in a file have 24 bits
         middle = (low + high) / 2
         below = rises(middle) < goal
         low, high = np.where(below, middle, low), np.where(below, high, middle)
@@ -120,23 +122,27 @@ class _Density:
         return self.table[low] * (1 - part) + self.table[low + 1] * part
 
     @staticmethod
-    def before(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def before(values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """The integral from 0 to each x of piecewise linear functions, (points, nodes) by their values at even nodes."""
         count = values.shape[1] - 1
         whole = np.concatenate([np.zeros((len(values), 1)), np.cumsum(values[:, 1:] + values[:, :-1], axis=1) / 2], axis=1)
-        place = np.clip(x * count, 0, count)
-        low = np.minimum(place.astype(int), count - 1)
-        part, each = place - low, np.arange(len(values))
-        left, right = values[each, low], values[each, low + 1]
-        return (whole[each, low] + part * (left + part / 2 * (right - left))) / count
+        each = np.arange(len(values))
+
+        def integral(x: np.ndarray) -> np.ndarray:
+            place = np.clip(x * count, 0, count)
+            low = np.minimum(place.astype(int), count - 1)
+            part, left, right = place - low, values[each, low], values[each, low + 1]
+            return (whole[each, low] + part * (left + part / 2 * (right - left))) / count
+
+        return integral
 
     def point(self, s: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The points (x, y) that even numbers (s, t) draw."""
-        totals = self.before(self.table, np.ones(len(self.table)))[None]
-        ends = self.before(totals, np.ones(1))
-        y = _bisected(lambda y: self.before(np.repeat(totals, len(y), axis=0), y) / ends, t)
-        row = self.row(y)
-        return _bisected(lambda x: self.before(row, x) / self.before(row, np.ones(len(row))), s), y
+        totals = self.before(self.table)(np.ones(len(self.table)))
+        below = self.before(np.broadcast_to(totals, (len(t), len(totals))))
+        y = _bisected(below, t * below(np.ones(len(t))))
+        left = self.before(self.row(y))
+        return _bisected(left, s * left(np.ones(len(s)))), y
 
 
 def rgl_arrays(

@@ -14,7 +14,6 @@ import pytest
 import brdfcheck
 from brdfcheck.gate import cache
 
-Run = Callable[..., tuple[int, str, str]]
 Write = Callable[..., Path]
 
 SWEEP = """

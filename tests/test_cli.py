@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from shared import Run, strict_json
 
 import brdfcheck
 from brdfcheck import cli
@@ -69,9 +70,6 @@ MINE = """
 """
 
 
-Run = Callable[..., tuple[int, str, str]]
-
-
 @pytest.fixture
 def mine(here: Path) -> str:
     path = here / "mine.py"
@@ -122,7 +120,7 @@ def test_1_where_a_planted_factor_is_one_per_cent_too_large(run: Run, mine: str)
     ],
 )
 def test_1_where_a_brdf_has_a_defect(run: Run, mine: str, name: str, finding: str) -> None:
-    code, out, err = run("check", f"{mine}:{name}")
+    code, out, err = run("check", f"{mine}:{name}", "--effort", "quick")
     assert code == ExitCode.FAILED
     lines = [line for line in out.splitlines() if line.startswith(f"finding: {mine}:{name}: ")]
     assert any(finding in line for line in lines)
@@ -173,10 +171,6 @@ def test_5_where_nothing_is_left(run: Run, tmp_path: Path, command: str) -> None
 # --- files ---
 
 
-def refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not strict JSON")
-
-
 def test_json_and_junit(run: Run, mine: str, tmp_path: Path) -> None:
     outputs = tmp_path / "results.json", tmp_path / "results.xml"
     code, _, _ = run(
@@ -191,7 +185,7 @@ def test_json_and_junit(run: Run, mine: str, tmp_path: Path) -> None:
         str(outputs[1]),
     )
     assert code == ExitCode.FAILED
-    record = json.loads(outputs[0].read_text(), parse_constant=refuse)
+    record = strict_json(outputs[0].read_text())
     assert record["schema_version"] == 1
     assert record["settings"]["tolerance"] == 1e-8
     assert record["summary"]["conserve"] == 1
@@ -207,7 +201,7 @@ def test_json_and_junit(run: Run, mine: str, tmp_path: Path) -> None:
 def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
     code, out, err = run("check", f"{mine}:exact", "--over", "n=1:2", "--json", "-")
     assert code == ExitCode.PASSED
-    assert json.loads(out, parse_constant=refuse)["settings"]["over"] == {"n": [1.0, 2.0]}
+    assert strict_json(out)["settings"]["over"] == {"n": [1.0, 2.0]}
     assert "1 conserves" in err
 
 

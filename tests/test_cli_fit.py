@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 import re
 import textwrap
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from selection import few
+from shared import Run
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized
 from brdfcheck.cli import ExitCode
 from brdfcheck.proof import certify
 from brdfcheck.verdict import Verdict, check
-
-Run = Callable[..., tuple[int, str, str]]
 
 MINE = """
     import numpy as np

@@ -10,11 +10,11 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from selection import few
+from shared import Run
 
 import brdfcheck
 from brdfcheck import cli
@@ -56,9 +56,6 @@ def _no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 def mine(here: Path) -> str:
     (here / "mine.py").write_text(textwrap.dedent(MINE))
     return "mine.py"
-
-
-Run = Callable[..., tuple[int, str, str]]
 
 
 # --- what is written ---
@@ -181,7 +178,7 @@ def test_show_opens_a_window_and_writes_nothing(run: Run, here: Path, monkeypatc
         (("albedo-vs-n", "mine.py:planted"), "must be given a range: --over n=LO:HI"),
         (("albedo-vs-n", "mine.py:two", "--over", "n=1:2", "--over", "m=1:2"), "hold all but one, as in --over m=VALUE"),
         (("albedo-vs-angle", "mine.py:two", "--over", "n=1:2", "--over", "m=1:2"), "hold all but one"),
-        (("albedo-vs-angle", "mine.py:not_a_number"), "not a number anywhere"),
+        (("albedo-vs-angle", "mine.py:not_a_number", *SMALL), "not a number anywhere"),
         (("albedo-vs-angle", "mine.py:raises"), "RuntimeError: boom"),
         (("albedo-vs-n", "mine.json"), "not JSON"),
         (("albedo-vs-n", "plain.txt"), "not JSON"),
@@ -220,17 +217,6 @@ def test_study_list(run: Run, here: Path) -> None:
     assert "reflect more than it receives?" in line
     assert len(line) < 128
     assert os.listdir(here) == []
-
-
-def test_a_study_writes_its_report_and_the_gallery(run: Run, here: Path) -> None:
-    code, out, err = run("study", "raw_albedo", "--size", "small", "--out", "deep/er")
-    assert (code, err) == (ExitCode.PASSED, "")
-    report, gallery = out.splitlines()
-    assert report.startswith("raw_albedo  ")
-    assert report.endswith("wrote deep/er/raw_albedo: record.json, figure.png, figure.svg, summary.md")
-    assert gallery == "wrote deep/er/README.md"
-    assert sorted(os.listdir("deep/er/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
-    assert run("plot", "albedo-vs-n", "deep/er/raw_albedo/record.json")[0] == ExitCode.PASSED
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

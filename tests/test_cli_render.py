@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import png
 import pytest
+from shared import Run
 
 from brdfcheck.cli import ExitCode
 from brdfcheck.documents import read_document
@@ -17,8 +17,6 @@ from brdfcheck.messages import UsageError
 from brdfcheck.scene import files as scene_files
 from brdfcheck.scene import presets
 from brdfcheck.scene.images import encode_srgb
-
-Run = Callable[..., tuple[int, str, str]]
 
 SCENE = """
 size = [12, 16]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import png
 import pytest
 import xarray
+from shared import Run
 
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import ExitCode
@@ -20,8 +20,6 @@ from brdfcheck.scene.materials import Term
 from brdfcheck.scene.white_furnace import furnace_excess, furnace_largest
 from brdfcheck.sweep import Plan
 from brdfcheck.sweep.config import parse, read_config
-
-Run = Callable[..., tuple[int, str, str]]
 
 MINE = """
 import math, brdfcheck

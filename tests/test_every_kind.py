@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,9 @@ import numpy as np
 import pytest
 import xarray
 from measured import ggx, merl_bytes, rgl_bytes, write
+from shared import Run
 
 from brdfcheck.cli import ExitCode
-
-Run = Callable[..., tuple[int, str, str]]
 
 FILES = {
     "mine.py": """

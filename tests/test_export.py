@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from selection import few
+from shared import compiled
 
 from brdfcheck import BinomialPower, Factor, Family, Normalized
 from brdfcheck.brdf.factors import Constant, PhongExact, Proportional, RationalFactor
@@ -57,14 +58,7 @@ def exported() -> Lazy:
 
 def evaluated(compiler: list[str], source: str, folder: Path, points: np.ndarray) -> np.ndarray:
     """What a program prints that reads pairs (parameter, cosine) and calls `brdf_factor` and `brdf_albedo`."""
-    file = folder / "program.c"
-    file.write_text(source)
-    command = [*compiler, *STRICT, str(file), "-o", str(folder / "program"), "-lm"]
-    built = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert built.returncode == 0, built.stderr
-    given = "".join(f"{p:.17g} {mu:.17g}\n" for p, mu in points)
-    ran = subprocess.run([str(folder / "program")], input=given, capture_output=True, text=True, timeout=60, check=True)
-    return np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
+    return compiled([*compiler, *STRICT], source, folder / "program.c", points)
 
 
 def main_program(snippet: str, name: str) -> str:
@@ -100,17 +94,8 @@ def test_the_compiled_c_is_the_fit_and_reproduces_the_table(exported, name, tmp_
 def test_the_c_is_also_c_plus_plus(exported, tmp_path):
     for name in ("phong", "ggx"):
         fit, _ = exported[name]
-        compiler = [str(CPP_COMPILER), "-std=c++11"]
         source = main_program(c_snippet(fit, name="brdf"), "brdf")
-        (tmp_path / "program.cpp").write_text(source)
-        built = subprocess.run(
-            [*compiler, *STRICT, str(tmp_path / "program.cpp"), "-o", str(tmp_path / "cpp"), "-lm"],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        assert built.returncode == 0, built.stderr
+        compiled([str(CPP_COMPILER), "-std=c++11", *STRICT], source, tmp_path / "program.cpp", np.empty((0, 2)))
 
 
 @pytest.mark.skipif(C_COMPILER is None, reason="no C compiler")

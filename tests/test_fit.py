@@ -14,7 +14,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized, RationalFactor, exact_factor
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
-from brdfcheck.fits.factor import OBJECTIVES, certify, fit_factor
+from brdfcheck.fits.factor import OBJECTIVES, FactorFit, certify, fit_factor
 from brdfcheck.fits.minimax import spread
 from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.output.records import fit_object
@@ -45,6 +45,12 @@ FAST = ("schlick-half", "kuijk-blake-mirror", "lyon-2-half", "binomial-power-hal
 
 
 @functools.cache
+def fitted(name: str, n: tuple[float, float] = (1, 1000)) -> FactorFit:
+    """The minimax fit of an entry, made once for all tests that look at it."""
+    return fit_factor(name, n)
+
+
+@functools.cache
 def optimum(name: str, low: float, high: float) -> tuple[float, float, float]:
     """A, B and the smallest albedo by one dense linear program on the closed form: no exchange, no quadrature."""
     n = spread(low, high, 30_000)
@@ -71,7 +77,7 @@ def optimum(name: str, low: float, high: float) -> tuple[float, float, float]:
 @pytest.mark.parametrize("name", few(LOBES, FAST))
 def test_minimax_is_the_optimum_of_the_linear_program(name, limits):
     a, b, smallest = optimum(name, *limits)
-    fit = fit_factor(name, limits)
+    fit = fitted(name, limits)
     assert fit.smallest == pytest.approx(smallest, abs=2e-7)
     assert float(fit.factor.A) == pytest.approx(a, rel=5e-6, abs=5e-6)
     assert float(fit.factor.B) == pytest.approx(b, rel=5e-6)
@@ -83,7 +89,7 @@ def test_minimax_is_the_optimum_of_the_linear_program(name, limits):
 def test_the_published_optima():
     """Binomial power half 7.2427, 26.170, 0.9064; Blinn-Phong 7.8025, 26.716, 0.9424."""
     for name, a, b, smallest in (("binomial-power-half", 7.2427, 26.170, 0.9064), ("blinn-phong", 7.8025, 26.716, 0.9424)):
-        fit = fit_factor(name)
+        fit = fitted(name)
         assert float(fit.factor.A) == pytest.approx(a, abs=5e-5)
         assert float(fit.factor.B) == pytest.approx(b, abs=5e-4)
         assert fit.smallest == pytest.approx(smallest, abs=5e-5)
@@ -117,7 +123,7 @@ def test_smallest_is_the_continuous_minimum():
 
 def test_the_smallest_of_equals_is_at_the_smallest_exponent():
     """A minimax albedo is as small at both ends of the range: rounding must not choose between them."""
-    fit = fit_factor("binomial-power-half")
+    fit = fitted("binomial-power-half")
     assert fit.smallest_n == 1
     ends = [float(albedo(Normalized(BinomialPower(n), fit.factor), 1.0).value) for n in (1.0, 1000.0)]
     assert ends == pytest.approx([fit.smallest] * 2, rel=1e-11)

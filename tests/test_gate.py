@@ -12,7 +12,8 @@ from typing import Any
 
 import projects
 import pytest
-from projects import GATE, MINE, Run, Write
+from projects import GATE, MINE, Write
+from shared import Run
 
 from brdfcheck.cli import ExitCode
 from brdfcheck.gate import config

@@ -17,7 +17,8 @@ from typing import Any
 import jax
 import projects
 import pytest
-from projects import GATE, MINE, Run, Write, forget
+from projects import GATE, MINE, Write, forget
+from shared import Run
 
 import brdfcheck
 from brdfcheck.brdf import catalog

@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from shaders import FRAME, LIGHT, VIEW, family, folded, traced, write
+from shared import Run
 
 import brdfcheck
-from brdfcheck import cli, load
+from brdfcheck import load
 from brdfcheck.brdf.callables import Evaluator
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import resolve
@@ -404,16 +405,10 @@ vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y)
     assert quiet.albedo == pytest.approx(0.5, abs=1e-9)
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
-    code = cli.run(list(words))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def test_check_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_on_the_command_line(tmp_path: Path, run: Run) -> None:
     path = write(tmp_path, HALVED.replace("* L.x", "/ 64.0").replace("+ V.y * X.x + Y.y * N.z", ""), "a.brdf")
     held = ("--over", "n=4", "--over", "halved=0", "--over", "tint=1,0.5,0.25", "--effort", "quick")
-    code, out, _ = run(capsys, "check", path, *held, "--json", "-")
+    code, out, _ = run("check", path, *held, "--json", "-")
     record = json.loads(out)
     assert code == ExitCode.PASSED
     (result,) = record["results"]
@@ -422,20 +417,20 @@ def test_check_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture
     assert record["settings"]["over"]["tint"] == [1, 0.5, 0.25]  # as it was asked
 
 
-def test_check_of_a_function_with_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_of_a_function_with_options(tmp_path: Path, run: Run) -> None:
     text = '#include "pi.inc"\nvec3 f(vec3 a, vec3 b, float k) { return vec3(k / PI * b.z * TWICE); }'
     write(tmp_path, "#define PI 3.141592653589793\n", "inc/pi.inc")
     path = write(tmp_path, text)
     words = ["check", f"{path}:f", "--over", "k=0:0.75", "--args", "V,L,k", "--returns", "brdf*cos", "-D", "TWICE=2.0"]
     words += ["-I", str(tmp_path / "inc"), "--effort", "quick", "--json", "-"]
-    code, out, _ = run(capsys, *words)
+    code, out, _ = run(*words)
     record = json.loads(out)
     assert code == ExitCode.FAILED
     assert record["results"][0]["albedo"] == pytest.approx(1.5, rel=1e-9)
     assert record["settings"]["reading"]["returns"] == "brdf*cos"
 
 
-def test_mistakes_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_mistakes_on_the_command_line(tmp_path: Path, run: Run) -> None:
     path = write(tmp_path, f"{FRAME} {{ return vec3(1.0; }}")
     for words, message in (
         ((f"{path}:f",), f"{path}:1:49: error: expected ')' before ';'"),
@@ -444,17 +439,17 @@ def test_mistakes_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixt
         (("phong", "-D", "X"), "are for shader files"),
         (("thing.osl",), "there is no reader for files that end in '.osl'"),
     ):
-        code, out, err = run(capsys, "check", *words)
+        code, out, err = run("check", *words)
         assert code == ExitCode.USAGE_ERROR
         assert message in err
         assert (out, err.count("\n")) == ("", 1)
 
 
-def test_fit_and_plot_take_shaders(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fit_and_plot_take_shaders(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write(tmp_path, "uniform float n;\nfloat f(vec3 L, vec3 V, vec3 N) { return (n + 2.0) / 7.0 * pow(V.z, n) * L.z; }")
     words = ["albedo-vs-angle", "shader.glsl:f", "--over", "n=2", "--returns", "brdf*cos", "--samples", "3", "-o", "a.svg"]
-    code, out, err = run(capsys, "plot", *words)
+    code, out, err = run("plot", *words)
     assert code == ExitCode.PASSED, err
     assert (tmp_path / "a.svg").exists()
     assert "wrote a.svg" in out

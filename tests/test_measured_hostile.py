@@ -6,18 +6,17 @@ import os
 import random
 import struct
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from measured import MERL, lambert, merl_bytes, rgl_arrays, tensor_file, write
+from shared import Run
 
 from brdfcheck import load
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
 
-Run = Callable[..., tuple[int, str, str]]
 ARRAYS = rgl_arrays(0.5, np.radians([0.0, 40, 80]), size=4, finer=8)
 HEADER = np.array(MERL, "<i4").tobytes()
 WHOLE = 12 + 3 * 8 * 90 * 90 * 180

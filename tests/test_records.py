@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from shared import strict_json
 
 from brdfcheck.output import records
 from brdfcheck.verdict import Report, Verdict
@@ -83,10 +84,6 @@ BROKEN = dataclasses.replace(
 )
 
 
-def refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not strict JSON")
-
-
 def read_back(value: Any) -> Any:
     """What JSON has as "NaN" and "Infinity" is a number again, wherever it stands."""
     if isinstance(value, dict):
@@ -99,7 +96,7 @@ def read_back(value: Any) -> Any:
 @pytest.mark.parametrize("report", [REPORT, BROKEN, UNBOUNDED], ids=["report", "broken", "unbounded"])
 def test_a_report_survives_strict_json(report: Report) -> None:
     text = records.to_json(records.to_json_object(report))
-    back = read_back(json.loads(text, parse_constant=refuse))
+    back = read_back(strict_json(text))
     fields = dataclasses.asdict(report) | {"verdict": report.verdict.name}
     for name in set(fields) - {"side"}:
         assert repr(back[name]) == repr(fields[name])
@@ -140,7 +137,7 @@ def test_a_document_states_schema_versions_settings_and_device() -> None:
     assert {"brdfcheck", "jax", "numpy", "python"} <= set(record["versions"])
     assert record["device"]["platform"] in ("cpu", "gpu", "cuda", "tpu", "METAL")
     assert record["settings"] == {"rtol": None}
-    json.loads(records.to_json(record), parse_constant=refuse)
+    strict_json(records.to_json(record))
 
 
 def test_junit_xml_is_valid_whatever_a_finding_holds() -> None:

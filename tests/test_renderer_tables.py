@@ -7,14 +7,13 @@ import json
 import re
 import shutil
 import struct
-import subprocess
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import measured
 import numpy as np
 import pytest
+from shared import Run, compiled
 
 from brdfcheck import GGX, CookTorrance, albedo
 from brdfcheck.cli import ExitCode
@@ -26,7 +25,6 @@ from brdfcheck.output.renderer_files import KINDS, quantities, renderer_metadata
 from brdfcheck.output.source import renderer_snippet
 from brdfcheck.verdict import Verdict
 
-Run = Callable[..., tuple[int, str, str]]
 CPP = shutil.which("c++") or shutil.which("g++")
 COMPILER = pytest.mark.skipif(CPP is None, reason="no C++ compiler")
 
@@ -364,16 +362,10 @@ def test_every_file_reads_back(table, tmp_path):
         write_renderer_table(tmp_path / "t.png", table, "png")
 
 
-def compiled(folder: Path, source: str, points: np.ndarray) -> np.ndarray:
+def computed(folder: Path, source: str, points: np.ndarray) -> np.ndarray:
     """What a C++ program prints, which reads pairs of numbers."""
-    (folder / "program.cpp").write_text(source)
     strict = ["-std=c++11", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-function", "-Wno-unused-variable"]
-    command = [str(CPP), *strict, str(folder / "program.cpp"), "-o", str(folder / "program")]
-    built = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert built.returncode == 0, built.stderr
-    given = "".join(f"{p:.17g} {mu:.17g}\n" for p, mu in points)
-    ran = subprocess.run([str(folder / "program")], input=given, capture_output=True, text=True, timeout=60, check=True)
-    return np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
+    return compiled([str(CPP), *strict], source, folder / "program.cpp", points)
 
 
 def program(text: str, values: str) -> str:
@@ -396,7 +388,7 @@ def test_the_header_compiles_and_looks_up(table, tmp_path):
         text = (tmp_path / "t.hpp").read_text().replace("#pragma once", "")
         values = 'std::printf("%.9g %.9g %.9g\\n", look_up(E, p, mu), look_up(average, p), look_up(bias, p, mu));'
         points = points_of(own)
-        found = compiled(tmp_path, program(text, f"using namespace ggx_table; {values}"), points)
+        found = computed(tmp_path, program(text, f"using namespace ggx_table; {values}"), points)
         p, mu = points.T
         grid = own.grid
 
@@ -435,7 +427,7 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     numbers = f"(double)ggx_albedo(p, mu), (double)ggx_average(p), s, b, (double){more}"
     values = f'{pair} std::printf("%.17g %.17g %.17g %.17g %.17g\\n", {numbers});'
     points = points_of(table)
-    albedo_, average, scale, bias, extra = compiled(tmp_path, program(text, values), points).T
+    albedo_, average, scale, bias, extra = computed(tmp_path, program(text, values), points).T
     rounding = 1e-12 if kind == "h" else 3e-5
     assert np.max(np.abs(albedo_ - fits.albedo(*points.T))) <= rounding
     assert np.max(np.abs(average - fits.average(points[:, 0]))) <= rounding
@@ -452,7 +444,7 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
         text, 'std::printf("%.17g %.17g\\n", (double)ggx_compensation(p, 0.5, 0.75), (double)ggx_compensation(0.5, mu, p));'
     )
     ends = np.array([[1 + 1e-3, 0.5], [1.0, 1.0]])
-    added = compiled(tmp_path, none, ends)
+    added = computed(tmp_path, none, ends)
     assert np.all(added[:, 0] == 0)
     assert np.all((added[:, 1] >= 0) & (added[:, 1] <= 0.25 / np.pi / fits.average.max_error * 1.01))
     p = np.linspace(*fits.average.bounds, 50)

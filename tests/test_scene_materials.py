@@ -194,16 +194,14 @@ def test_functions_have_derivatives_where_jax_traces_them():
 
 def test_channels_and_directions_of_functions_are_those_of_the_surface():
     # At the normal +z the axes are those of space; elsewhere x is level.
-    up, sideways = jnp.array([0.0, 0, 1]), jnp.array([1.0, 0, 0])
+    up, sideways, surface = jnp.array([0.0, 0, 1]), jnp.array([1.0, 0, 0]), Surface(Term(brushed))
     for normal, x in ((up, sideways), (sideways, jnp.array([0.0, 0, -1])), (jnp.array([0.0, 1, 0]), sideways)):
         light = 0.6 * x + 0.8 * normal
-        found = shade(Surface(Term(brushed)), (Distant(light),), 0 * normal, normal, light)
+        found = shade(surface, (Distant(light),), 0 * normal, normal, light)
         np.testing.assert_allclose(found, (1 + 0.6**4) * np.array([0.4, 0.2, 0.1]) / np.pi * 0.8, rtol=1e-12)
         # What comes back of a surrounding is the integral, from whichever side it is seen.
         y = jnp.cross(normal, x)
-        along, across = (
-            shade(Surface(Term(brushed)), (Environment(1.0),), 0 * normal, normal, 0.6 * side + 0.8 * normal) for side in (x, y)
-        )
+        along, across = (shade(surface, (Environment(1.0),), 0 * normal, normal, 0.6 * side + 0.8 * normal) for side in (x, y))
         np.testing.assert_allclose(across, [0.4, 0.2, 0.1], rtol=1e-6)
         np.testing.assert_allclose(along, (1 + 0.36 / 4) * np.array([0.4, 0.2, 0.1]), rtol=1e-6)
 

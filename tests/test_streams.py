@@ -79,7 +79,7 @@ def test_a_full_disk_is_a_usage_error(folder: Path, words: str) -> None:
 @pytest.mark.parametrize("closed", few([">&- 2>&- <&-", ">&- 2>&-", "2>&-"], (">&- 2>&- <&-",)))
 def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, closed: str) -> None:
     """Messages, and what a user's file prints, would be written into it."""
-    code, _, _ = shell(f"$B check mine.py:f --json out.json {closed}", folder)
+    code, _, _ = shell(f"$B check mine.py:f --effort quick --json out.json {closed}", folder)
     assert code == ExitCode.PASSED
     assert json.loads((folder / "out.json").read_text())["summary"]["conserve"] == 1
     assert sorted(os.listdir(folder)) in (["mine.py", "out.json"], ["__pycache__", "mine.py", "out.json"])
@@ -89,7 +89,7 @@ def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, closed: str) -
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 @pytest.mark.parametrize("unwritable", few(["2>/dev/full", "2>&-"], ("2>/dev/full",)))
 def test_what_a_file_prints_is_no_finding_where_it_cannot_be_written(folder: Path, unwritable: str) -> None:
-    code, out, err = shell(f"$B check mine.py:f {unwritable}", folder)
+    code, out, err = shell(f"$B check mine.py:f --effort quick {unwritable}", folder)
     assert (code, err) == (ExitCode.PASSED, "")
     assert out.splitlines()[-1].startswith("1 conserves, ")
     assert "seen" not in out

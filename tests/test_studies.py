@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from selection import few
+from shared import strict_json
 
 import brdfcheck
 from brdfcheck import processes, studies
@@ -29,10 +30,6 @@ LONG = {"shader_corpus": 180, "user_brdfs": 480, "materialx_surfaces": 240, "ver
 def small(name: str) -> dict[str, Any]:
     """The record of a study at its small size, measured once."""
     return studies.record_of(STUDIES[name], "small")
-
-
-def refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not strict JSON")
 
 
 @pytest.mark.parametrize("name", list(STUDIES))
@@ -72,7 +69,7 @@ def test_the_small_size_runs(name, reports):
     place = studies.write_report(study, record, reports)
     files = os.listdir(place)
     assert set(studies.FILES) <= set(files)
-    written = json.loads((place / "record.json").read_text(), parse_constant=refuse)
+    written = strict_json((place / "record.json").read_text())
     assert written["schema"] == "brdfcheck-results"
     assert written["settings"]["size"] == "small"
     assert {"versions", "device", "results", "summary", "question", "answer"} <= set(written)
@@ -96,6 +93,26 @@ def test_what_the_studies_found():
     assert dict(zip(record["summary"]["exponents"], record["summary"]["albedo"], strict=True))[17] == pytest.approx(
         1.0690, abs=5e-5
     )
+
+
+def test_the_command_writes_a_report_and_the_gallery(run, here, monkeypatch):
+    """Of the record that was measured above."""
+
+    found = small("raw_albedo")
+
+    def measured(study, size, given):
+        assert (study.name, size, given) == ("raw_albedo", "small", ())
+        return found
+
+    monkeypatch.setattr(studies, "record_of", measured)
+    code, out, err = run("study", "raw_albedo", "--size", "small", "--out", "deep/er")
+    assert (code, err) == (0, "")
+    report, gallery = out.splitlines()
+    assert report.startswith("raw_albedo  ")
+    assert report.endswith("wrote deep/er/raw_albedo: record.json, figure.png, figure.svg, summary.md")
+    assert gallery == "wrote deep/er/README.md"
+    assert sorted(os.listdir("deep/er/raw_albedo")) == ["figure.png", "figure.svg", "record.json", "summary.md"]
+    assert run("plot", "albedo-vs-n", "deep/er/raw_albedo/record.json")[0] == 0
 
 
 @pytest.mark.slow

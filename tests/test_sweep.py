@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import xarray
 from projects import SWEEP
+from shared import contents
 
 import brdfcheck
 from brdfcheck import cli
@@ -37,13 +38,6 @@ SMALL = {
     "axes": {"n": {"geomspace": [1, 100, 5]}, "cos_theta": {"linspace": [0.1, 1, 7]}},
     "chunks": {"cos_theta": 3},
 }
-
-
-def contents(folder: Path, *, seconds: bool = True) -> dict[str, bytes | None]:
-    """All files with their contents, and all empty folders; the measurements only where they are asked for."""
-    paths = [path for path in sorted(folder.rglob("*")) if path.is_file() or not os.listdir(path)]
-    found = {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in paths}
-    return {name: data for name, data in found.items() if seconds or not name.startswith("seconds/c")}
 
 
 def sweep(document: dict, out: Path, folder: Path | None = None, **options: object) -> xarray.Dataset:

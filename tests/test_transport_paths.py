@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 
 import jax
@@ -17,6 +18,12 @@ from brdfcheck.transport import Status, angular
 
 KEY = jax.random.key(7)
 PUBLISHED = Normalized(BlinnPhong(8.76), Factor(8, 8 * np.pi))
+
+
+@functools.cache
+def published():
+    """Its angular operator."""
+    return transport.angular_operator(PUBLISHED)
 
 
 def entry(name, value):
@@ -172,7 +179,7 @@ def test_a_sharp_lobe_is_sampled_where_it_is():
 
 @pytest.mark.parametrize("beam", few([False, True], (True,)))
 def test_energy_after_bounces_is_that_of_the_angular_operator(beam):
-    operator = transport.angular_operator(PUBLISHED)
+    operator = published()
     powers = np.asarray(operator.energy(np.arange(17)))
     exact = powers[:, -1] if beam else powers @ np.asarray(2 * operator.cos_theta * operator.weight)
     found = transport.energy_after_bounces(transport.sphere(4, 2), PUBLISHED, 16, key=KEY, paths=2**16, beam=beam)
@@ -206,7 +213,7 @@ def test_a_box_keeps_less_than_the_sphere():
     """The largest radius of all enclosures is the sphere's: after many bounces a box has lost more, or as much."""
     found = transport.energy_after_bounces(transport.box(), PUBLISHED, 16, key=KEY, paths=2**16)
     rate = (found.mean[16] / found.mean[8]) ** (1 / 8)
-    radius = transport.angular_operator(PUBLISHED).spectral_radius().value
+    radius = published().spectral_radius().value
     assert rate < radius + 0.005
     assert rate > 0.5
 
@@ -314,7 +321,7 @@ def test_the_angular_operator_has_the_albedo_of_its_brdf(name, value):
 
 
 def test_the_radius_against_an_eigensolver_and_lambert():
-    operator = transport.angular_operator(PUBLISHED)
+    operator = published()
     exact = np.max(np.abs(np.linalg.eigvals(np.asarray(operator.matrix))))
     found = operator.spectral_radius()
     assert found.lower - 1e-12 <= exact <= found.upper + 1e-12
@@ -323,19 +330,17 @@ def test_the_radius_against_an_eigensolver_and_lambert():
     assert transport.angular_operator(entry("binomial-power-published", 17.85)).spectral_radius().upper < 0.71
 
 
-@pytest.mark.parametrize("remainder", ["diffuse", "mirror"])
-def test_otherwise_loss_free_walls(remainder):
-    operator = transport.angular_operator(PUBLISHED).completed(remainder)
-    assert np.asarray(operator.albedo()) == pytest.approx(
-        np.maximum(np.asarray(transport.angular_operator(PUBLISHED).albedo()), 1), abs=1e-12
-    )
-    radius = operator.spectral_radius()
-    assert radius.lower > 1.0036
-    late = operator.energy([1000, 1001])
-    assert late[1, 0] / late[0, 0] == pytest.approx(float(radius.value), rel=1e-6)
+def test_otherwise_loss_free_walls():
     # A lobe that conserves keeps its energy for ever.
-    valid = transport.angular_operator(entry("blinn-phong-fitted", 8.76)).completed(remainder)
-    assert np.asarray(valid.energy([10_000])) == pytest.approx(1, abs=1e-9)
+    valid = transport.angular_operator(entry("blinn-phong-fitted", 8.76))
+    for remainder in ("diffuse", "mirror"):
+        operator = published().completed(remainder)
+        assert np.asarray(operator.albedo()) == pytest.approx(np.maximum(np.asarray(published().albedo()), 1), abs=1e-12)
+        radius = operator.spectral_radius()
+        assert radius.lower > 1.0036
+        late = operator.energy([1000, 1001])
+        assert late[1, 0] / late[0, 0] == pytest.approx(float(radius.value), rel=1e-6)
+        assert np.asarray(valid.completed(remainder).energy([10_000])) == pytest.approx(1, abs=1e-9)
 
 
 # --- programs ---

@@ -63,22 +63,13 @@ def _budget(
     json: Json = None,
     chart: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            parser=words.file(".png", ".svg", ".pdf"),
-            help="Draw a chart of error against work: .png, .svg or .pdf.",
+        words.file(
+            "-o", "--output", ends=(".png", ".svg", ".pdf"), help="Draw a chart of error against work: .png, .svg or .pdf."
         ),
     ] = None,
     images: Annotated[
         str | None,
-        typer.Option(
-            "--images",
-            metavar="FILE",
-            parser=words.file(".png"),
-            help="Write both pictures and their difference, side by side: .png.",
-        ),
+        words.file("--images", ends=(".png",), help="Write both pictures and their difference, side by side: .png."),
     ] = None,
 ) -> int:
     """Find out how much of the model a scene needs."""

@@ -63,13 +63,7 @@ def _certify(
     how: Reading = PLAIN,
     out: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="FILE",
-            parser=words.file(stdout=True),
-            help='Write the certificate as JSON; "-" writes it to standard output.',
-        ),
+        words.file("-o", "--out", stdout=True, help='Write the certificate as JSON; "-" writes it to standard output.'),
     ] = None,
     check: Annotated[
         str | None,

@@ -83,11 +83,10 @@ def _plot(
     ],
     output: Annotated[
         str | None,
-        typer.Option(
+        words.file(
             "-o",
             "--output",
-            metavar="FILE",
-            parser=words.file(".svg", ".png", ".pdf"),
+            ends=(".svg", ".png", ".pdf"),
             help="Where the figure goes: .svg, .png or .pdf. [default: KIND.svg]",
         ),
     ] = None,

@@ -80,13 +80,7 @@ def _render(
     how: Reading = PLAIN,
     target: Annotated[
         str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            parser=words.file(".png", ".exr"),
-            help="Where the picture goes: .png (sRGB) or .exr (linear).",
-        ),
+        words.file("-o", "--output", ends=(".png", ".exr"), help="Where the picture goes: .png (sRGB) or .exr (linear)."),
     ] = None,
     size: Annotated[
         words.Size | None,

@@ -10,8 +10,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from brdfcheck import __version__
 from brdfcheck.cli import words
 from brdfcheck.cli.app import start
@@ -28,23 +26,14 @@ _log = logging.getLogger("brdfcheck")
 # Numbers in all tables of a page: 2.7 bytes each, so that a page stays below 300 kB.
 _CELLS = 56_000
 
-JUnit = Annotated[
-    str | None, typer.Option("--junitxml", metavar="FILE", parser=words.file(), help="Write the results as JUnit XML.")
-]
-Sarif = Annotated[
-    str | None,
-    typer.Option("--sarif", metavar="FILE", parser=words.file(), help="Write what is wrong as SARIF 2.1.0, for code hosts."),
-]
-Badge = Annotated[
-    str | None,
-    typer.Option("--badge", metavar="FILE", parser=words.file(), help="Write a badge as JSON, an endpoint for shields.io."),
-]
+JUnit = Annotated[str | None, words.file("--junitxml", help="Write the results as JUnit XML.")]
+Sarif = Annotated[str | None, words.file("--sarif", help="Write what is wrong as SARIF 2.1.0, for code hosts.")]
+Badge = Annotated[str | None, words.file("--badge", help="Write a badge as JSON, an endpoint for shields.io.")]
 Html = Annotated[
     str | None,
-    typer.Option(
+    words.file(
         "--html",
-        metavar="FILE",
-        parser=words.file(".html", ".htm"),
+        ends=(".html", ".htm"),
         help="Write a page to look through: verdicts, heat maps of the albedo, white furnaces.",
     ),
 ]

@@ -20,6 +20,7 @@ from brdfcheck.messages import UsageError, one_line
 
 _TABLES = ("csv", "npy", "exr", "dds", "hpp")
 _SOURCE = ("glsl", "hlsl", "h")
+_ENDS = tuple(f".{kind}" for kind in (*_TABLES, *_SOURCE))
 _BESIDE = ("npy", "dds")
 
 
@@ -69,13 +70,7 @@ def _table(
     ],
     output: Annotated[
         list[str],
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            parser=words.file(*(f".{kind}" for kind in (*_TABLES, *_SOURCE))),
-            help="Write a file; its ending says what. Repeatable.",
-        ),
+        words.file("-o", "--output", ends=_ENDS, help="Write a file; its ending says what. Repeatable."),
     ],
     over: Over = None,
     size: Annotated[

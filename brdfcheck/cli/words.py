@@ -1,7 +1,7 @@
 """Words of a command line that are more than a number or a choice: what each may be, and in one line what is wrong with it.
 
-Each function is a `parser` of typer: it takes the text and returns the value, or raises `typer.BadParameter`, to which the name
-of the option is added where the command ends. Imports nothing heavy, so that a mistyped word is answered at once.
+Each function but `file` is a `parser` of typer: it takes the text and returns the value, or raises `typer.BadParameter`, to
+which the name of the option is added where the command ends. Imports nothing heavy: a mistyped word is answered at once.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from typer import BadParameter
+from typer import BadParameter, Option
 
 from brdfcheck.brdf.values import Range, Values, components
 from brdfcheck.messages import UsageError, one_line
@@ -179,22 +179,21 @@ def size(text: str) -> Size:
     raise BadParameter(f"must be SIDE or HEIGHTxWIDTH, whole numbers from 1 to {MOST_PIXELS}; got {one_line(text)!r}")
 
 
-def file(*suffixes: str, stdout: bool = False) -> Callable[[str], str]:
-    """The parser of a file to write, which ends in one of the `suffixes`; `stdout`: it may be "-"."""
-
-    wanted = " or ".join(filter(None, (", ".join(suffixes[:-1]), *suffixes[-1:])))
+def file(*names: str, help: str, ends: tuple[str, ...] = (), stdout: bool = False) -> Any:
+    """The option of these names for a file to write, which ends in one of `ends`; `stdout`: it may be "-"."""
+    wanted = " or ".join(filter(None, (", ".join(ends[:-1]), *ends[-1:])))
 
     def parse(text: str) -> str:
         if stdout and text == "-":
             return text
-        if suffixes and Path(text).suffix.lower() not in suffixes:
+        if ends and Path(text).suffix.lower() not in ends:
             raise BadParameter(f"must end in {wanted}; got {one_line(text)!r}")
         trouble = trouble_with(text)
         if trouble:
             raise BadParameter(trouble)
         return text
 
-    return parse
+    return Option(*names, metavar="FILE", parser=parse, help=help)
 
 
 def trouble_with(path: str) -> str | None:

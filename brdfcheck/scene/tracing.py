@@ -48,10 +48,10 @@ class AbstractBody(eqx.Module):
     own `glass` is followed in the same way. The lower side of a BSDF is the inner one.
     """
 
-    material: eqx.AbstractVar[AbstractMaterial | None]
-    mirror: eqx.AbstractVar[Array | None]
-    transparency: eqx.AbstractVar[Array | None]
-    index: eqx.AbstractVar[Array | None]
+    material: AbstractMaterial | None
+    mirror: Float[Array, " 3"] | None
+    transparency: Float[Array, " 3"] | None
+    index: Float[Array, ""] | None
 
     @abc.abstractmethod
     def distance(self, origin: Field, travel: Field, starts: Array) -> Float[Array, " pixels"]:
@@ -107,10 +107,6 @@ class Sphere(AbstractBody):
 
     center: Float[Array, " 3"]
     radius: Float[Array, ""]
-    material: AbstractMaterial | None
-    mirror: Float[Array, " 3"] | None
-    transparency: Float[Array, " 3"] | None
-    index: Float[Array, ""] | None
 
     def __init__(
         self,
@@ -151,10 +147,6 @@ class Plane(AbstractBody):
 
     point: Float[Array, " 3"]
     normal_direction: Float[Array, " 3"]
-    material: AbstractMaterial | None
-    mirror: Float[Array, " 3"] | None
-    transparency: Float[Array, " 3"] | None
-    index: Float[Array, ""] | None
 
     def __init__(
         self,

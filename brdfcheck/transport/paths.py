@@ -90,7 +90,9 @@ def trace(
     radius = radius_at(shown) if diffuse else _bounds(enclosure, posed, wall)
     code = standing(radius, refuses=True)
     begins = (code == Status.SOLVED) | ((code == Status.UNDECIDED) & (not diffuse))
-    walked = _walk(enclosure, posed, wall, key, jnp.asarray(each), jnp.where(begins, most, 0), sampling, equation, diffuse)
+    walked = _nowhere_yet(posed, jnp.asarray(each))
+    if begins:  # else there is nothing to compile either
+        walked = _walk(enclosure, posed, wall, key, walked, most, sampling, equation, diffuse)
     return _told(shown, radius, code, begins, jnp.asarray(each), walked, diffuse)
 
 
@@ -103,9 +105,16 @@ class _Walked(NamedTuple):
     steps: Array
 
 
+def _nowhere_yet(posed: Problem, each: Array) -> _Walked:
+    """Before the first bounce; each lane has `each` paths to go."""
+    dtype = posed.areas.dtype
+    left = jnp.broadcast_to(each, (_GROUPS * _LANES,))
+    return _Walked(jnp.zeros(_GROUPS * posed.areas.size, dtype), left, jnp.asarray(0.0, dtype), jnp.asarray(0))
+
+
 @eqx.filter_jit
 def _walk(
-    enclosure: Any, posed: Problem, brdf: Any, key: Any, each: Array, most: Array, sampling: str, equation: str, diffuse: bool
+    enclosure: Any, posed: Problem, brdf: Any, key: Any, zero: _Walked, most: Array, sampling: str, equation: str, diffuse: bool
 ) -> _Walked:
     dtype, patches, lanes = posed.areas.dtype, posed.areas.size, _GROUPS * _LANES
     group = jnp.asarray(np.repeat(np.arange(_GROUPS, dtype=np.int32), _LANES))
@@ -143,10 +152,7 @@ def _walk(
         return jnp.any(state[3].left > 0) & (state[3].steps < most)
 
     nowhere = jnp.zeros((lanes, 3), dtype)
-    start = _Walked(
-        jnp.zeros(_GROUPS * patches, dtype), jnp.broadcast_to(each, (lanes,)), jnp.asarray(0.0, dtype), jnp.asarray(0)
-    )
-    return jax.lax.while_loop(goes_on, bounce, (nowhere, nowhere, nowhere[:, 0], start))[3]
+    return jax.lax.while_loop(goes_on, bounce, (nowhere, nowhere, nowhere[:, 0], zero))[3]
 
 
 @eqx.filter_jit

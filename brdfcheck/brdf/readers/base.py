@@ -77,25 +77,13 @@ class AbstractFile(abc.ABC):
     for; `required`: for which they must be; `whole`: which of them are whole numbers.
     """
 
+    spec: str
     path: str
-    line: int | None
+    line: int | None = None
     files: tuple[str, ...]
-
-    @property
-    @abc.abstractmethod
-    def spec(self) -> str: ...
-
-    @property
-    @abc.abstractmethod
-    def names(self) -> tuple[str, ...]: ...
-
-    @property
-    @abc.abstractmethod
-    def required(self) -> tuple[str, ...]: ...
-
-    @property
-    @abc.abstractmethod
-    def whole(self) -> frozenset[str]: ...
+    names: tuple[str, ...] = ()
+    required: tuple[str, ...] = ()
+    whole: frozenset[str] = frozenset()
 
     @abc.abstractmethod
     def family(

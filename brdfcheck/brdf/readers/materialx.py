@@ -86,15 +86,13 @@ class MaterialXFile(AbstractFile):
     def __init__(self, spec: str):
         if spec.startswith(PREFIXES):
             self._document, node = _alone(spec)
-            self.path, self.files = spec, ()
-            self._spec = spec
+            self.spec, self.path, self.files = spec, spec, ()
         else:
             path, asked = split_spec(spec)
             self.path, self.files = path, (path,)
             self._document = _read(path)
             node = _chosen(self._document, asked, path)
-            self._spec = f"{path}:{node.getName()}"
-        self.line = None
+            self.spec = f"{path}:{node.getName()}"
         self._node = node.getNamePath()
         self._inputs = self._defined(node)
         self._checked()
@@ -104,31 +102,11 @@ class MaterialXFile(AbstractFile):
             if kind is not None and not item.getValueString():
                 self._linked[item.getName()] = kind
         self._text, self._parameters, self._images = self._generated(())
-
-    @property
-    def spec(self) -> str:
-        """The file and the node, or the name with its prefix."""
-        return self._spec
-
-    @property
-    def _types(self) -> dict[str, Type]:
-        return {**{item.name: item.type for item in self._parameters}, **self._linked}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All that can be given: the inputs of the surface, those of the nodes before it, and their components."""
+        types = {**{item.name: item.type for item in self._parameters}, **self._linked}
         nowhere = Position(self.path, 0, 0)
-        return tuple(names_of(Knob(name, kind, ("uniform", 0, ()), nowhere) for name, kind in self._types.items()))
-
-    @property
-    def required(self) -> tuple[str, ...]:
-        """None: every input has a default."""
-        return ()
-
-    @property
-    def whole(self) -> frozenset[str]:
-        """The inputs that are whole numbers."""
-        return frozenset(name for name, kind in self._types.items() if kind == INT)
+        # The inputs of the surface, those of the nodes before it, and their components.
+        self.names = tuple(names_of(Knob(name, kind, ("uniform", 0, ()), nowhere) for name, kind in types.items()))
+        self.whole = frozenset(name for name, kind in types.items() if kind == INT)
 
     def family(
         self, ranges: Mapping[str, Any], cos_theta: tuple[float, float] | None, no_parameter: Callable[..., str]
@@ -162,18 +140,18 @@ class MaterialXFile(AbstractFile):
         forms = [item for item in _library().getMatchingNodeDefs(kind) if item.getType() == _SURFACE]
         if definition is None and not forms:
             near = did_you_mean(kind, _surfaces())
-            raise UsageError(f"{self._spec}: MaterialX defines no surface {one_line(kind)!r}{near}")
+            raise UsageError(f"{self.spec}: MaterialX defines no surface {one_line(kind)!r}{near}")
         inputs = {item.getName(): item for item in (definition or forms[0]).getActiveInputs()}
         for item in node.getInputs():
             name, type_name = item.getName(), item.getType()
             if name not in inputs:
                 near = did_you_mean(name, inputs)
-                raise UsageError(f"{self._spec}: {one_line(kind)} has no input {one_line(name)!r}{near}")
+                raise UsageError(f"{self.spec}: {one_line(kind)} has no input {one_line(name)!r}{near}")
             if type_name != inputs[name].getType():
                 wanted = f"{name!r} of {one_line(kind)} is a {inputs[name].getType()}"
-                raise UsageError(f"{self._spec}: the input {wanted}; got {one_line(type_name)!r}")
+                raise UsageError(f"{self.spec}: the input {wanted}; got {one_line(type_name)!r}")
         if definition is None:
-            raise UsageError(f"{self._spec}: MaterialX defines no {one_line(kind)} of this version")
+            raise UsageError(f"{self.spec}: MaterialX defines no {one_line(kind)} of this version")
         return inputs
 
     def _checked(self) -> None:
@@ -187,10 +165,10 @@ class MaterialXFile(AbstractFile):
             space = item.getActiveColorSpace() if kind in ("color3", "color4") else ""
             if space not in ("", _LINEAR) and _library().getNodeDef(f"ND_{space}_to_{_LINEAR}_{kind}") is None:
                 shown = f"{one_line(space)!r} of {one_line(name)!r}"
-                raise UsageError(f"{self._spec}: MaterialX does not know the colour space {shown}")
+                raise UsageError(f"{self.spec}: MaterialX does not know the colour space {shown}")
             if item.getNodeName() and item.getConnectedNode() is None:
                 linked = one_line(item.getNodeName())
-                raise UsageError(f"{self._spec}: the input {one_line(name)!r} is linked to {linked!r}, which is not there")
+                raise UsageError(f"{self.spec}: the input {one_line(name)!r} is linked to {linked!r}, which is not there")
 
     def _generated(self, freed: Iterable[str]) -> tuple[str, list[_Parameter], list[str]]:
         """The shader, its parameters, and the nodes that are images; without the links of `freed`. UsageError."""

@@ -20,6 +20,8 @@ from _instruments.stability.references import MICROFACETS as MICROFACETS
 from _instruments.stability.references import Reference as Reference
 from _instruments.stability.references import label as label
 from _instruments.stability.references import read_references as read_references
+from _instruments.stability.survey import FOLLOWING as FOLLOWING
+from _instruments.stability.survey import SAMPLING as SAMPLING
 from _instruments.stability.survey import Job as Job
 from _instruments.stability.survey import measured as measured
 from _instruments.stability.survey import of_rules as of_rules

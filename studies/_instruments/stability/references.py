@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 
+MATRIX = Path(__file__).resolve().parents[2] / "stability.csv"
+"""The references of the studies."""
 # The names of the references, and what builds the lobe from its exponent or slope.
 LOBES: Mapping[str, Callable[[Any], Any]] = {
     "phong": Phong,
@@ -93,8 +95,8 @@ class Reference:
         return self.slopes.get(f"{by}, {np.dtype(dtype).name}", self.slopes[by])
 
 
-def read_references(path: str | Path) -> dict[str, Reference]:
-    """The references of a CSV file: a full grid for each lobe.
+def read_references(lobes: Container[str] | None = None, path: Path = MATRIX) -> dict[str, Reference]:
+    """The references of a CSV file, of these lobes or of all: a full grid for each lobe.
 
     Its columns: lobe, n, cos_theta, albedo, radius, by_logarithm, by_angle, by_angle_float32. ValueError where a lobe's grid
     has holes.
@@ -102,7 +104,7 @@ def read_references(path: str | Path) -> dict[str, Reference]:
     numbers = ("albedo", "radius", "by_logarithm", "by_angle", "by_angle_float32")
     cells: dict[str, dict[tuple[float, float], list[float]]] = {}
     with open(path, newline="", encoding="utf-8") as source:
-        for row in csv.DictReader(source):
+        for row in (row for row in csv.DictReader(source) if lobes is None or row["lobe"] in lobes):
             place = (float(row["n"]), float(row["cos_theta"]))
             cells.setdefault(row["lobe"], {})[place] = [float(row[name]) for name in numbers]
     found = {}

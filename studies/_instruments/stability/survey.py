@@ -14,6 +14,12 @@ from _instruments.stability.outcomes import Method, Mode, Outcome, gradient_outc
 from _instruments.stability.references import LOBES, Reference, label
 from brdfcheck.quadrature import RULES
 
+# Settings of the rules of samples, and of those that know where the lobe is.
+SAMPLING = {
+    "uniform-monte-carlo": 4096, "cosine-monte-carlo": 4096, "lobe-monte-carlo": 4096, "sobol": 4096, "r2-lattice": 4096,
+    "midpoint-product": 32, "gauss-product": 32,
+}  # fmt: skip
+FOLLOWING = {"lobe-warped-gauss": 64, "tanh-sinh": 3, "zonal": 6, "half-vector": 5, "closed-form": 64}
 # So many programs keep well below the 65,530 memory maps that a process may have: each takes tens.
 _PROGRAMS = 64
 

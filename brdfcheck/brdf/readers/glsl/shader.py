@@ -96,7 +96,6 @@ class ShaderFile(AbstractFile):
         self._declared, self._text = analytic.split(text, path) if self._analytic else ([], text)
         if made is not None:
             self._declared = list(made.parameters)
-        self._made = made
         self._function = function or ("BRDF" if self._analytic else None)
         self._plain = self._compile({}, ())
         self.function = self._plain.routine.name
@@ -105,28 +104,12 @@ class ShaderFile(AbstractFile):
         self._numbers = {
             name: value for name, value in self._plain.program.source.numbers.items() if name not in reading.defines
         }
-
-    @property
-    def spec(self) -> str:
-        """The file and the function, or what a shader that is in no file is called."""
-        if self._made is not None:
-            return self._made.spec
-        return self.path if self._analytic and self.function == "BRDF" else f"{self.path}:{self.function}"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All names that can be given: parameters, their components, and macros that are numbers."""
-        return (*names_of(self._plain.knobs), *self._numbers)
-
-    @property
-    def required(self) -> tuple[str, ...]:
-        """The parameters that must be given."""
-        return tuple(missing(self._plain.knobs))
-
-    @property
-    def whole(self) -> frozenset[str]:
-        """The parameters that are whole numbers."""
-        return frozenset(knob.name for knob in self._plain.knobs if kind_of(knob.type) in ("int", "uint"))
+        knobs, whole_file = self._plain.knobs, self._analytic and self.function == "BRDF"
+        self.spec = made.spec if made is not None else path if whole_file else f"{path}:{self.function}"
+        # Parameters, their components, and macros that are numbers.
+        self.names = (*names_of(knobs), *self._numbers)
+        self.required = tuple(missing(knobs))
+        self.whole = frozenset(knob.name for knob in knobs if kind_of(knob.type) in ("int", "uint"))
 
     def family(
         self, ranges: Mapping[str, Any], cos_theta: tuple[float, float] | None, no_parameter: Callable[..., str]

@@ -39,29 +39,10 @@ class PlugInFile(AbstractFile):
 
     def __init__(self, words: str):
         self._source = find(words)
-        self.files = self._source.files
-        self.path, self.line = self.files[0] if self.files else self._source.spec, None
+        self.spec, self.files = self._source.spec, self._source.files
+        self.path = self.files[0] if self.files else self.spec
         self._knobs, self._keys = self._seen(self._loaded({}))
-
-    @property
-    def spec(self) -> str:
-        """The plug-in as it was named."""
-        return self._source.spec
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters that can be given."""
-        return (*names_of(self._knobs), BELOW)
-
-    @property
-    def required(self) -> tuple[str, ...]:
-        """None: a plug-in has a default for everything."""
-        return ()
-
-    @property
-    def whole(self) -> frozenset[str]:
-        """None."""
-        return frozenset()
+        self.names = (*names_of(self._knobs), BELOW)
 
     def _loaded(self, more: Mapping[str, Any]) -> PlugIn:
         """The plug-in with colours in place of the greys that nobody gave."""

@@ -40,12 +40,10 @@ def mapped(path: str) -> np.ndarray:
 class AbstractTableFile(AbstractFile):
     """A file with one BRDF and no parameters. `table` is what it holds. UsageError where it is not in its format."""
 
-    line = None
-
     def __init__(self, path: str, name: str | None):
         if name is not None:
             raise UsageError(f"{one_line(path)}:{one_line(name)}: a measured file holds one BRDF: give {one_line(path)} alone")
-        self.path, self.files = path, (path,)
+        self.spec, self.path, self.files = path, path, (path,)
         self.table  # noqa: B018 - what is wrong with the file is said when it is loaded
 
     @cached_property
@@ -56,26 +54,6 @@ class AbstractTableFile(AbstractFile):
     @abc.abstractmethod
     def read(self, data: np.ndarray) -> AbstractTable:
         """The BRDF in the bytes of a file. UsageError where there is none."""
-
-    @property
-    def spec(self) -> str:
-        """The file."""
-        return self.path
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Nothing can be given."""
-        return ()
-
-    @property
-    def required(self) -> tuple[str, ...]:
-        """Nothing must be given."""
-        return ()
-
-    @property
-    def whole(self) -> frozenset[str]:
-        """There are no parameters."""
-        return frozenset()
 
     def family(
         self, ranges: Mapping[str, Any], cos_theta: tuple[float, float] | None, no_parameter: Callable[..., str]
