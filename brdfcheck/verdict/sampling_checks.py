@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfcheck.brdf.family import corners
+from brdfcheck.brdf.family import Family, corners
 from brdfcheck.brdf.two_sides import BELOW, sides_of
 from brdfcheck.quadrature.albedo import albedo as integrated
 from brdfcheck.quadrature.functions import adaptive_albedo
@@ -86,11 +86,16 @@ def shares(
         assert family.surface is not None
         surface = family.surface(**numbers)
         mu = max(cosine, _NEAR_GRAZING)
-        reflected = integrated(surface.lit(below, "reflected"), mu, azimuth=azimuth, rtol=_SHARES).value
-        # By the search's own program; one for what is transmitted would be another to compile.
+        part = surface.lit(below, "reflected")
+        # By programs that the search has compiled; one for what is transmitted would be another.
+        if albedo.fast:
+            of_part = PointwiseAlbedo(Family(family.name, lambda part=part: part))
+            reflected, _ = of_part.channels(np.zeros((1, 0)), np.array([mu]), np.array([azimuth]))
+        else:
+            reflected = integrated(part, mu, azimuth=azimuth, rtol=_SHARES).value
         place = np.array([[numbers[name] for name in albedo.names]]), np.array([mu]), np.array([azimuth])
         both, _ = albedo.channels(*place, rtol=None if albedo.fast else _SHARES)
-        reflected, both = np.atleast_1d(np.asarray(reflected)), np.ravel(both)
+        reflected, both = np.ravel(reflected), np.ravel(both)
         passing, channel = np.maximum(both - reflected, 0), int(np.argmax(both))
         found.append(("from below" if below else "from above", float(reflected[channel]), float(passing[channel])))
     return found
