@@ -53,8 +53,10 @@ def _bind_process(some: Iterable[int]) -> None:
 
 
 _inside = threading.local()
-# Seconds.
-_SWITCH = 2e-4
+# Seconds after which a thread gives up Python's lock while several share it; what it was before; and who shares it.
+_SWITCH, _before = 2e-4, 5e-3
+_shared: list[None] = []
+_counting = threading.Lock()
 
 
 def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any], *, most: int = 8) -> list[Any]:
@@ -65,16 +67,29 @@ def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any], *, most:
     workers = min(len(available_cores()), len(pieces), most)
     if workers < 2 or getattr(_inside, "worker", False):
         return [function(piece) for piece in pieces]
-    # Who comes back from a program waits so long for Python's lock where another thread holds it: by default 5 ms.
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH)
-    try:
-        return list(_pool(workers, os.getpid()).map(function, pieces))
-    finally:
-        sys.setswitchinterval(before)
+    with _short_switches():
+        return list(_pool(workers, tuple(available_cores()), os.getpid()).map(function, pieces))
 
 
 @functools.lru_cache(maxsize=4)
-def _pool(workers: int, process: int) -> ThreadPoolExecutor:
-    """So many threads, which wait for work; those of `process`: a child that is forked has none of its parent's."""
+def _pool(workers: int, cores: tuple[int, ...], process: int) -> ThreadPoolExecutor:
+    """So many threads, which wait for work: on these cores, and of `process`, for a child that is forked has none of them."""
     return ThreadPoolExecutor(workers, initializer=lambda: setattr(_inside, "worker", True))
+
+
+@contextlib.contextmanager
+def _short_switches() -> Iterator[None]:
+    """Let whoever comes back from a program wait less for Python's lock where another thread holds it: by default 5 ms."""
+    global _before
+    with _counting:
+        _shared.append(None)
+        if len(_shared) == 1:
+            _before = sys.getswitchinterval()
+            sys.setswitchinterval(_SWITCH)
+    try:
+        yield
+    finally:
+        with _counting:
+            _shared.pop()
+            if not _shared:
+                sys.setswitchinterval(_before)

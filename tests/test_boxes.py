@@ -12,7 +12,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import Phong
 from brdfcheck.brdf.microfacet import CookTorrance
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
-from brdfcheck.quadrature.boxes import Mesh
+from brdfcheck.quadrature.boxes import Grid, Mesh, initial_boxes
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 COSINES = (1.0, 0.9, 0.71, 0.5, 0.1, 1e-3, 1e-7)
@@ -118,3 +118,14 @@ def test_metal_at_grazing_incidence():
     place = np.array([[0.404]]), np.array([1.01e-4]), np.zeros(1)
     exact, bar = albedo(*place, rtol=1e-8)
     assert abs(frozen(*place)[0] - exact) <= 2 * bar
+
+
+@pytest.mark.parametrize("cosine", [0.4227, 0.3837, 0.55])
+def test_pieces_without_width_move_too(cosine: float):
+    sine = float(np.sqrt((1 - cosine) * (1 + cosine)))
+    boxes = initial_boxes(sine, cosine)
+    for axis in (0, 1, 0):
+        boxes = boxes.halves(np.full(len(boxes.low), axis))
+    mesh = Mesh(boxes, cosine, Grid(np.array([[0.3, 0.6]])), np.ones(1))
+    for moved in (0.999 * cosine, 1.001 * cosine):
+        assert all(np.isfinite(part).all() for part in filled(mesh, moved))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from pathlib import Path
 
@@ -367,3 +368,13 @@ def test_the_place_of_an_error_is_in_the_users_code(monkeypatch):
     line = test_the_place_of_an_error_is_in_the_users_code.__code__.co_firstlineno + 3
     assert place_of(caught.value) == f"test_calling.py:{line}"
     assert told(ValueError("two\nlines")) == "ValueError: two lines"
+
+
+def test_a_wrapper_is_called_as_what_it_wraps_says() -> None:
+    @functools.wraps(lambda wo, wi: None)
+    def wrapper(*directions: np.ndarray, **named: np.ndarray) -> np.ndarray:
+        given = dict(zip(("wo", "wi"), directions, strict=False)) | named
+        return given["wi"][..., 0] + 10 * given["wo"][..., 0]
+
+    wi, wo = np.array([[0.1, 0, 1]]), np.array([[0.2, 0, 1]])
+    np.testing.assert_allclose(directional(wrapper)(wi, wo), 0.1 + 10 * 0.2)

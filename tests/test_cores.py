@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 
 import pytest
@@ -35,6 +36,36 @@ def test_one_core_is_one_core_for_every_thread():
         thread.join()
     assert seen == [before[:1]]
     assert cores.available_cores() == before
+
+
+def test_side_by_side_is_one_after_the_other_inside(monkeypatch):
+    monkeypatch.setattr(cores, "available_cores", lambda: [0, 1])
+    inside = cores.side_by_side(lambda _: cores.side_by_side(lambda _: threading.get_ident(), range(3)), range(4))
+    assert all(len({*one}) == 1 for one in inside)
+    assert threading.get_ident() not in {one[0] for one in inside}
+
+
+def test_how_long_threads_keep_the_lock_is_what_it_was(monkeypatch):
+    monkeypatch.setattr(cores, "available_cores", lambda: [0, 1])
+    before = sys.getswitchinterval()
+    first, second = threading.Event(), threading.Event()
+
+    def other() -> None:
+        cores.side_by_side(lambda _: first.set() or second.wait(20), range(2))
+
+    thread = threading.Thread(target=other)
+
+    def both(place: int) -> float:
+        if place == 0:
+            thread.start()
+            assert first.wait(20)
+        return sys.getswitchinterval()
+
+    assert cores.side_by_side(both, range(2))[0] < before
+    assert sys.getswitchinterval() < before
+    second.set()
+    thread.join()
+    assert sys.getswitchinterval() == before
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads are not bound on this system")

@@ -74,6 +74,8 @@ class Evaluator:
     def __init__(self, build: Callable[..., Any], parameters: Mapping[str, float]):
         self.names = tuple(parameters)
         self.alone = False
+        # Whether the program has been traced: by the thread that asks, for a function may read what belongs to that.
+        self.traced = False
         self._caller = caller = Caller(build, parameters)
         self.slow, self.single, self.channels = caller.slow, caller.single, caller.channels
         self._name, self._dtype = caller.name, caller.dtype
@@ -148,16 +150,17 @@ class Evaluator:
 
             return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
 
+        self.traced = False
         self._program = functools.partial(jax.jit(program, compiler_options=self._options), held)
 
     @property
     def heavy(self) -> bool:
         """True where a program spends so much time on a row that threads gain more by sharing rows than Python's lock costs."""
-        return _HEAVY < self._fastest < np.inf
+        return self.traced and self._fastest > _HEAVY
 
     @property
     def at_once(self) -> int:
-        """How many rows of directions `sums` may choose from."""
+        """Of how many rows of directions `sums` chooses without a copy."""
         return _TABLE
 
     def space(self, rows: int) -> np.ndarray:
@@ -189,7 +192,7 @@ class Evaluator:
 
         parameters (points, names), wi (points, 3), azimuth (points,): by how much the directions are turned. Of tables of
         directions, wo (3, rows, BLOCK), of at least tables x blocks rows, and weight (tables, blocks, BLOCK), `which` (points,)
-        says the one of each point; they have `at_once` rows at most. What is not finite counts as 0.
+        says the one of each point; tables of more than `at_once` rows are copied. What is not finite counts as 0.
         `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0 or one that is not
         finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
         """
@@ -241,11 +244,15 @@ class Evaluator:
             light = wi[:, rows] if wi.ndim == 3 else wi[:, rows, None]
             light = np.broadcast_to(light, (3, count, BLOCK)).reshape(3, -1).T
             return self._numpy_call(parameters[rows.start], light, view).reshape(count, BLOCK, -1)
+        # Where each direction has a light of its own there is no table to choose from.
+        size, first = _TABLE if wi.ndim == 2 else self._rows, int(mine.min())
+        if int(mine.max()) - first < size:
+            wo, mine = wo[:, first:], mine - first
+        else:  # rows from all over a table that no program takes as a whole
+            wo, mine = wo[:, mine], np.arange(count)
         which, parameters, turn, light = jax.tree.map(
             lambda part: _filled_up(part, self._rows), (mine, parameters[rows], turn[rows], tuple(wi[:, rows]))
         )
-        # Where each direction has a light of its own there is no table to choose from.
-        size = _TABLE if wi.ndim == 2 else self._rows
         views = tuple(_filled_up(part[:size], size) for part in wo)
         began = time.perf_counter()
         try:
@@ -254,6 +261,7 @@ class Evaluator:
         except Exception as error:
             raise Finding(f"{self._name} raised {told(error)}") from error
         self._fastest = min(self._fastest, (time.perf_counter() - began) / count)
+        self.traced |= wi.ndim == 2
         return values.reshape(count, BLOCK, -1)
 
     def bind(self, parameters: Mapping[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

@@ -285,7 +285,8 @@ class Mesh:
             # Where a box begins along the plane; one that is bent from its far edge ends there.
             bend, edge = patch[:, 6], patch[:, 7]
             begin = np.where(np.abs(bend) == 1, edge, low[:, 0])
-            beyond = plain & np.where(bend == -1, begin > core, begin >= core)
+            # A piece without width may lie at the end of a core beyond which there is nothing.
+            beyond = plain & (old.reach > core) & np.where(bend == -1, begin > core, begin >= core)
             beside = plain & ~beyond
             _stretch(low, size, patch, 0, mine & ~plain, np.arcsinh(moved / CENTRE) / np.arcsinh(core / CENTRE))
             _stretch(low, size, patch, 0, beside, moved / core)

@@ -297,7 +297,10 @@ class PointwiseAlbedo:
         order = np.lexsort(parameters.T[::-1]) if evaluator.slow and self.swept else np.argsort(mu, kind="stable")
         cores = 1 if evaluator.slow else len(available_cores())
         most = max(1, min(evaluator.at_once // sum(blocks), -(-len(mu) // cores)))
-        side_by_side(piece, [order[i : i + most] for i in range(0, len(mu), most)], most=cores)
+        pieces = [order[i : i + most] for i in range(0, len(mu), most)]
+        if not evaluator.traced and len(pieces) > 1:
+            piece(pieces.pop(0))
+        side_by_side(piece, pieces, most=cores)
         nodes = len(mu) * sum(blocks) * BLOCK
         self.evaluations += nodes
         self.seen.values += nodes * (evaluator.channels or 1)
