@@ -79,6 +79,11 @@ def mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
     return found
 
 
+def _metal(m: Any) -> CookTorrance:
+    """One function for all tables: for another one a program is compiled."""
+    return CookTorrance(m, masking="smith-separable")
+
+
 def metal() -> tuple[list[dict[str, Any]], str | None]:
     """The table of Beckmann metal that others make too, by us and by scipy on all cores; why scipy's is missing, if it is."""
     nodes = (np.arange(32) + 0.5) / 32
@@ -92,7 +97,7 @@ def metal() -> tuple[list[dict[str, Any]], str | None]:
     for rtol in (1e-6, 1e-10):
 
         def table(rtol: float = rtol) -> tuple[np.ndarray, np.ndarray]:
-            made = albedo_table(lambda m: CookTorrance(m, masking="smith-separable"), nodes, nodes, rtol=rtol)
+            made = albedo_table(_metal, nodes, nodes, rtol=rtol)
             return np.asarray(made.value), np.asarray(made.error)
 
         value, error = table()
