@@ -21,8 +21,8 @@ from brdfcheck.processes import Finished
 
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDIES = studies.find()
-# Seconds of studies that may take more than two minutes: one compiles large shaders, one gives 10,736 verdicts, one is a process
-# for each family, twice, one asks every other package for every case.
+# Seconds of studies that may take more than two minutes: one compiles large shaders, one gives 10,736 verdicts, one is a
+# process for each family, twice, one asks every other package for every case.
 LONG = {"shader_corpus": 180, "user_brdfs": 480, "materialx_surfaces": 240, "verdicts": 320, "work_precision": 300}
 
 
