@@ -19,8 +19,8 @@ from brdfcheck import plots
 from brdfcheck.brdf.lobes import BinomialPower, Phong
 from brdfcheck.budgets import knobs, programs, report, scenes
 from brdfcheck.budgets import measure as measuring
-from brdfcheck.budgets.measure import Budget, BudgetError, full_model, measure
-from brdfcheck.budgets.programs import Beside, Compiler, beside
+from brdfcheck.budgets.measure import Beside, Budget, BudgetError, beside, full_model, measure
+from brdfcheck.budgets.programs import Compiler
 from brdfcheck.budgets.room import irradiance, room_numbers
 from brdfcheck.budgets.search import REFUSED, Fault, Search
 from brdfcheck.messages import UsageError

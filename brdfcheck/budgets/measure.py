@@ -17,7 +17,7 @@ import numpy as np
 
 from brdfcheck.budgets import scenes
 from brdfcheck.budgets.knobs import Knob, knobs_of, plan_of, refusal_of
-from brdfcheck.budgets.programs import Beside, Compiler, Image, Picture, Program, beside
+from brdfcheck.budgets.programs import Compiler, Image, Picture, Program
 from brdfcheck.budgets.scenes import Scene
 from brdfcheck.budgets.search import REFUSED, Combination, Fault, Search
 from brdfcheck.documents import read_document
@@ -36,6 +36,8 @@ _AROUND = (0.0, 0.125, 4.0, 16.0, 64.0)
 # A combination is refused where three of four rounds took so much longer than the full model's. A busy machine does not do that
 # to two programs in turns, only a model of work that is wrong for this machine.
 _SLOWER = 1.25
+# Seconds for which a program is timed beside another, about, and the fewest and most rounds.
+_LONGEST, _FEWEST, _MOST = 1.0, 9, 101
 # The knobs that each part of the work depends on.
 _DEPENDS = {
     "seeing": ("facets", "shading", "window", "precision"),
@@ -170,6 +172,30 @@ class Measured:
             search.cost(combination), time.seconds, time.quartiles, len(search.order), tuple(points),
             self.ladders, view.whole, image,
         )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A program timed beside another: the other's seconds (median), and the quartiles of the ratio of their times."""
+
+    seconds: float
+    quartiles: tuple[float, float, float]
+
+
+def beside(program: Program, full: Program) -> Beside:
+    """Time a program beside the full model's, in turns, now one first and now the other, for about a second.
+
+    A ratio is that of two times a moment apart: what else the machine does falls upon both alike.
+    """
+    pair = (program, full)
+    pace = sum(sum(one.seconds() for one in pair) for _ in range(2)) / 2
+    rounds = int(np.clip(_LONGEST / pace, _FEWEST, _MOST))
+    table = np.empty((rounds, 2))
+    for r in range(rounds):
+        for place in (0, 1) if r % 2 else (1, 0):
+            table[r, place] = pair[place].seconds()
+    low, middle, high = np.quantile(table[:, 0] / table[:, 1], (0.25, 0.5, 0.75))
+    return Beside(float(np.median(table[:, 1])), (float(low), float(middle), float(high)))
 
 
 @dataclass

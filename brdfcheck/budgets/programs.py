@@ -39,8 +39,6 @@ Shader = Callable[[Any, Any, Any], Array]
 
 # Points that are shaded at once.
 _BLOCK = 2**14
-# Seconds for which a program is timed beside another, about, and the fewest and most rounds.
-_LONGEST, _FEWEST, _MOST = 1.0, 9, 101
 # The numbers that say what is seen where.
 _SHOWN = ("camera", "center", "radius", "vertices", "faces", "background")
 # Lights that bring nothing to terms that are not matt.
@@ -439,27 +437,3 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
             factor = jnp.asarray(brdf.gain(jnp.ones((), cosine.dtype)), cosine.dtype)
             total = total + spread(light.intensity * term.tint, cosine.ndim) * (factor * value)
     return total
-
-
-@dataclass(frozen=True)
-class Beside:
-    """A program timed beside another: the other's seconds (median), and the quartiles of the ratio of their times."""
-
-    seconds: float
-    quartiles: tuple[float, float, float]
-
-
-def beside(program: Program, full: Program) -> Beside:
-    """Time a program beside the full model's, in turns, now one first and now the other, for about a second.
-
-    A ratio is that of two times a moment apart: what else the machine does falls upon both alike.
-    """
-    pair = (program, full)
-    pace = sum(sum(one.seconds() for one in pair) for _ in range(2)) / 2
-    rounds = int(np.clip(_LONGEST / pace, _FEWEST, _MOST))
-    table = np.empty((rounds, 2))
-    for r in range(rounds):
-        for place in (0, 1) if r % 2 else (1, 0):
-            table[r, place] = pair[place].seconds()
-    low, middle, high = np.quantile(table[:, 0] / table[:, 1], (0.25, 0.5, 0.75))
-    return Beside(float(np.median(table[:, 1])), (float(low), float(middle), float(high)))
