@@ -185,6 +185,13 @@ def test_numpy_gets_its_directions_component_by_component_where_it_takes_them():
     np.testing.assert_array_equal(*values)
 
 
+def test_functions_of_numpy_may_call_themselves():
+    def recursive(wi, wo, times=2):
+        return np.asarray(wo)[:, 2] if times == 0 else 0.5 * recursive(wi, wo, times - 1)
+
+    np.testing.assert_allclose(Evaluator(lambda: recursive, {}).bind({})(WI, WO), WO[:, 2] / 4)
+
+
 def test_who_may_look_at_how_arrays_lie_gets_them_in_the_usual_order():
     up = np.tile([0.0, 0.0, 1.0], (300, 1))
     np.testing.assert_array_equal(Evaluator(lambda: bounded, {}).bind({})(WI, up), 0.99)

@@ -275,12 +275,12 @@ def _of_components(function: Any) -> bool:
         one = getattr(one, "__func__", one)
         if not isinstance(one, FunctionType):
             return False
+        if one.__code__ in looked:
+            continue
         codes = [one.__code__]
         held = [cell.cell_contents for cell in one.__closure__ or () if cell != CellType()]
         while codes:
             code = codes.pop()
-            if code in looked:
-                continue
             looked.add(code)
             if _LAYOUT & {*code.co_names}:
                 return False
