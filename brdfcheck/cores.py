@@ -53,9 +53,9 @@ def _bind_process(some: Iterable[int]) -> None:
 
 
 _inside = threading.local()
-# Seconds after which a thread gives up Python's lock while several share it; what it was before; and who shares it.
+# Seconds after which a thread gives up Python's lock while several share it; what it was before; how many requests share it.
 _SWITCH, _before = 2e-4, 5e-3
-_shared: list[None] = []
+_sharing = 0
 _counting = threading.Lock()
 
 
@@ -68,28 +68,33 @@ def side_by_side(function: Callable[[Any], Any], pieces: Sequence[Any], *, most:
     if workers < 2 or getattr(_inside, "worker", False):
         return [function(piece) for piece in pieces]
     with _short_switches():
-        return list(_pool(workers, tuple(available_cores()), os.getpid()).map(function, pieces))
+        return list(threads(workers, "brdfcheck-pieces").map(function, pieces))
 
 
-@functools.lru_cache(maxsize=4)
-def _pool(workers: int, cores: tuple[int, ...], process: int) -> ThreadPoolExecutor:
-    """So many threads, which wait for work: on these cores, and of `process`, for a child that is forked has none of them."""
-    return ThreadPoolExecutor(workers, initializer=lambda: setattr(_inside, "worker", True))
+def threads(count: int, name: str) -> ThreadPoolExecutor:
+    """So many threads that wait for work. Who waits for threads in one of them needs others, of another name."""
+    return _threads(count, name, tuple(available_cores()), os.getpid())
+
+
+@functools.lru_cache(maxsize=8)
+def _threads(count: int, name: str, cores: tuple[int, ...], process: int) -> ThreadPoolExecutor:
+    """On these cores, and of `process`: a child that is forked has none of its parent's."""
+    return ThreadPoolExecutor(count, name, initializer=lambda: setattr(_inside, "worker", True))
 
 
 @contextlib.contextmanager
 def _short_switches() -> Iterator[None]:
     """Let whoever comes back from a program wait less for Python's lock where another thread holds it: by default 5 ms."""
-    global _before
+    global _before, _sharing
     with _counting:
-        _shared.append(None)
-        if len(_shared) == 1:
+        _sharing += 1
+        if _sharing == 1:
             _before = sys.getswitchinterval()
             sys.setswitchinterval(_SWITCH)
     try:
         yield
     finally:
         with _counting:
-            _shared.pop()
-            if not _shared:
+            _sharing -= 1
+            if not _sharing:
                 sys.setswitchinterval(_before)

@@ -114,7 +114,7 @@ def test_threads_change_nothing(monkeypatch, family, cores):
     alone = albedo_table(family, n, mu)
     used = []
     monkeypatch.setattr(tables, "available_cores", lambda: range(cores))
-    pool = tables._pool(cores)
+    pool = tables.threads(cores, tables._COLUMNS)
     original = pool.submit
     monkeypatch.setattr(pool, "submit", lambda run, piece: used.append(piece.size) or original(run, piece))
     albedo_table(family, n, mu)  # compiles

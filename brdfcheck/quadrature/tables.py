@@ -18,7 +18,6 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -31,7 +30,7 @@ from jaxtyping import Array, ArrayLike, Float
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.factors import has_engine
-from brdfcheck.cores import available_cores
+from brdfcheck.cores import available_cores, threads
 from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature.albedo import Albedo
 from brdfcheck.quadrature.polar import Order
@@ -175,11 +174,8 @@ def _cells(brdf_of_n: Callable[[Array], Any], n: Array, mu: Array, rtol: float |
 # Programs that are known to be compiled: two threads that meet a new one would both compile it.
 _seen: dict[Any, None] = {}
 _SEEN = 256
-
-
-@functools.cache
-def _pool(cores: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(cores, "brdfcheck-columns")
+# The threads that share out columns.
+_COLUMNS = "brdfcheck-columns"
 
 
 def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, column: int) -> tuple:
@@ -215,7 +211,7 @@ def _on_all_cores(program: Callable[[Array], tuple], same: tuple, mu: Array, col
                 return jax.block_until_ready(program(piece))
 
         # This thread takes a share itself: waking another one costs as much as a thousand cells.
-        others = [_pool(cores).submit(run, piece) for piece in pieces[1:]]
+        others = [threads(cores, _COLUMNS).submit(run, piece) for piece in pieces[1:]]
         results = [run(pieces[0]), *(other.result() for other in others)]
     drop = [0] + [max(0, before + length - start) for before, start in itertools.pairwise(starts)]
 

@@ -139,7 +139,7 @@ class Confirmation:
         surface, angle = self.surface, self.surface.angle or 0
         rtol = surface.rtol_of_limits if limit else surface.rtol
         assert rtol is not None
-        held, inner = self._held(place)
+        held, inner, whole = self._held(place)
         if held and mixed is not None:
             mixed = np.delete(np.delete(mixed, angle, axis=0), angle, axis=1)
         value, error, near = surface.beside(place, rtol, limit=limit)
@@ -147,8 +147,8 @@ class Confirmation:
         for turn in range(_RULES if np.isfinite(value) and inner.dimension else 0):
             start = float(near(place[None])[0][0])
 
-            def function(rest: np.ndarray, near=near, place=place) -> tuple[np.ndarray, np.ndarray]:
-                return near(np.insert(rest, angle, place[angle], axis=1) if held else rest)
+            def function(rest: np.ndarray, near=near) -> tuple[np.ndarray, np.ndarray]:
+                return near(whole(rest))
 
             ends = climb(
                 function,
@@ -163,7 +163,7 @@ class Confirmation:
                 reach=_REACH,
                 check=self.check,
             )
-            end = np.insert(ends.places[0], angle, place[angle]) if held else ends.places[0]
+            end = whole(ends.places)[0]
             done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8)) and not ends.kinked[0]
             gap = float(ends.known_gaps[0])
             if ends.kinked[0] and not limit:
@@ -194,12 +194,17 @@ class Confirmation:
         elif not limit:
             self._outwards(place)
 
-    def _held(self, place: np.ndarray) -> tuple[bool, Box]:
-        """Whether a place lies at an end of the angle, and the box of a climb from there: without the angle where it does."""
+    def _held(self, place: np.ndarray) -> tuple[bool, Box, Callable[[np.ndarray], np.ndarray]]:
+        """Whether a place lies at an end of the angle; the box of a climb from there, without the angle where it does; and what
+        makes points of the whole box of those.
+        """
         box = self.surface.box
         _, mu, _ = box.physical(place[None])
         held = box.has_angle and bool(mu[0] == 1 or mu[0] <= GRAZING)
-        return held, box.changed(cosines=(1.0, 1.0)) if held else box
+        if not held:
+            return False, box, lambda points: points
+        angle = self.surface.angle or 0
+        return True, box.changed(cosines=(1.0, 1.0)), lambda points: np.insert(points, angle, place[angle], axis=1)
 
     def _crest(self, place: np.ndarray, radius: float) -> float:
         """How much higher a kink at a place may go where it runs across the axes, by the rule of a verdict.
@@ -335,11 +340,7 @@ class Confirmation:
     def _climbed(self, place: np.ndarray) -> Climbs:
         """A climb by the rule of a verdict at each point, which is confirmed."""
         surface, angle = self.surface, self.surface.angle or 0
-        held, inner = self._held(place)
-
-        def whole(unit: np.ndarray) -> np.ndarray:
-            return np.insert(unit, angle, place[angle], axis=1) if held else unit
-
+        held, inner, whole = self._held(place)
         ends = climb(
             lambda unit: surface.produce(whole(unit), surface.rtol),
             inner,
