@@ -15,6 +15,7 @@ from typing import Any
 
 import case_brdfs as cases
 import jax
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -439,6 +440,22 @@ def test_case(case: Case) -> None:
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
 def test_rounding_is_no_anisotropy(roughness: float) -> None:
     assert not PointwiseAlbedo(Family("ggx", lambda: cases.ggx_in_single_precision(roughness))).anisotropic
+
+
+@pytest.mark.parametrize("width", [20.0, 1.0])
+def test_a_sector_of_azimuths_is_seen_in_single_precision(width: float) -> None:
+    """Most pairs of directions say nothing of it, and all of them round."""
+
+    def f(wi: Any, wo: Any) -> Any:
+        away = jnp.arctan2(wi[..., 1], wi[..., 0]) - 1.0
+        inside = jnp.exp(-((away / jnp.radians(width / 2)) ** 2))
+        return ((0.95 + 0.25 * inside) / jnp.pi + 0 * wo[..., 2]).astype(jnp.float32)
+
+    report = check(f, effort="quick")
+    assert report.anisotropic
+    assert report.verdict is VIOLATES
+    assert report.albedo == pytest.approx(1.2, abs=1e-5)
+    assert report.azimuth == pytest.approx(1.0, abs=1e-3)
 
 
 def test_the_axes_of_a_brushed_surface_need_not_be_those_of_the_box() -> None:

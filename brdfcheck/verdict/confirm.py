@@ -35,7 +35,7 @@ _BLURRED = 3
 # How near (in the unit cube) a limit is to another one that speaks for it.
 _SAME = 2e-3
 # Gaps up to this may be the noise of a rule; where one is larger, the rule was not that of the place.
-_NOISE = 1e-7
+_NOISE, _PERHAPS_NOISE = 1e-7, 1e-6
 # How far from the winner lines reach.
 _RADII = (1.0, 0.25, 0.06, 0.015)
 # How near to a kink the surface is looked at, and how far away at most.
@@ -292,8 +292,8 @@ class Confirmation:
     def level(self) -> None:
         """On a plateau a climb's gap is the noise of its rule: where the surface is level, there is nothing to climb.
 
-        Level, by the rule of a verdict: it differs by no more than that gap on either side, or falls from the end of a range.
-        Where the gap is more than noise, the climb goes on by that rule.
+        Level, by the rule of a verdict: it differs by no more than that gap or noise on either side, or falls from the end of a
+        range. Where it is not and the gap is more than noise, the climb goes on by that rule.
         """
         surface, winners = self.surface, self.winners
         if surface.fast or self.unbounded is not None or self.hard or not np.any(winners.finite):
@@ -303,20 +303,24 @@ class Confirmation:
             place, value, gap = winners.places[index], winners.values[index], winners.gaps[index]
             if not (winners.climbed[index] and winners.settled[index]) or winners.limits[index]:
                 continue
-            if gap > _NOISE:  # the rule of the climb was that of another place
+            if gap <= _PERHAPS_NOISE and (top := self._level(place, value, min(gap, _NOISE))) is not None:
+                winners.gaps[index] = min(gap, max(0.0, top - value - winners.errors[index]))
+            elif gap > _NOISE:  # the rule of the climb was that of another place
                 near = [top for other, top in tops if surface.box.distance(other, place) < _SAME]
                 tops.append((place, near[0] if near else self._top_from(place)))
                 winners.gaps[index] = min(gap, max(0.0, tops[-1][1] - value))
-                continue
-            steps = _ARM * np.concatenate([np.eye(len(place)), -np.eye(len(place))])
-            places = place + steps
-            inside = np.all((places >= 0) & (places <= 1) | surface.box.periodic, axis=1)
-            found, bars = surface.produce(surface.box.kept(places[inside]), surface.rtol)
-            both = np.tile(inside[: len(place)] & inside[len(place) :], 2)[inside]
-            rises = found - value
-            level = np.where(both, np.abs(rises) <= gap, rises <= bars)
-            if np.all(level) and np.all(np.isfinite(found)):
-                winners.gaps[index] = min(gap, max(0.0, float(np.max(rises))) + float(np.max(bars)))
+
+    def _level(self, place: np.ndarray, value: float, noise: float) -> float | None:
+        """How high the surface may be beside a place where it is level but for `noise`; None where it is not level."""
+        surface = self.surface
+        steps = _ARM * np.concatenate([np.eye(len(place)), -np.eye(len(place))])
+        places = place + steps
+        inside = np.all((places >= 0) & (places <= 1) | surface.box.periodic, axis=1)
+        found, bars = surface.produce(surface.box.kept(places[inside]), surface.rtol)
+        both = np.tile(inside[: len(place)] & inside[len(place) :], 2)[inside]
+        rises = found - value
+        level = np.where(both, np.abs(rises) <= noise, rises <= bars)
+        return float(np.max(found + bars)) if np.all(level) and np.all(np.isfinite(found)) else None
 
     def _top_from(self, place: np.ndarray) -> float:
         """How high the surface may go where a climb by the rule of a verdict, from a place, ends.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from brdfcheck.quadrature.anisotropy import TREMORS, apart
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
@@ -20,8 +21,9 @@ _SECOND, _THIRD, _LAST = 512, 64, 512
 _MARGIN = 1e-3
 # How many points that stand out are looked at again at the angles of the winner.
 _ECHOES = 96
-# Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned.
-_TURNED = 1e-7
+# Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned, mostly; between which
+# angles (radians), and how many of those that changed more are looked at for their rounding.
+_TURNED, _TURNS, _SUSPECTS = 1e-7, (0.0, 2.4), 64
 
 
 @dataclass
@@ -104,23 +106,27 @@ class Scan:
         if surface.fast:
             return
         albedo = surface.albedo
-        # In single precision all albedos change by rounding when they turn: there the pairs have decided.
-        if not albedo.anisotropic and albedo.epsilon < 1e-10:
+        if not albedo.anisotropic:
             order = np.argsort(points.values)[::-1]
             places = points.places[np.concatenate([order[:128], order[128 :: max(1, len(order) // 128)]])]
-            values = []
-            for turn in (0.0, 0.381966, 2e-7, 1e-6):
-                moved = places.copy()
-                moved[:, -1] = (moved[:, -1] + turn) % 1
-                values.append(surface.estimate(0, moved)[0])
+            clean = max(_TURNED, 64 * albedo.epsilon)
+            first, second = (self._turned(places, turn)[0] for turn in _TURNS)
             with np.errstate(all="ignore"):
-                change, noise = np.abs(values[1] - values[0]), np.abs(np.array(values[2:]) - values[0]).max(axis=0)
+                change = np.abs(first - second) / np.maximum(np.maximum(np.abs(first), np.abs(second)), 1e-3)
                 told = surface.box.physical(places)[1] < 1 - 1e-6  # light along N has no azimuth
-                told &= change > max(_TURNED, 64 * albedo.epsilon) * np.maximum(np.abs(values[0]), 1e-3) + 10 * noise
+                suspects = np.flatnonzero(told & (change > clean))
+                suspects = suspects[np.argsort(-change[suspects])][:_SUSPECTS]
+                told = apart(*(self._turned(places[suspects], *(turn + TREMORS)) for turn in _TURNS), clean)
             albedo.anisotropic = bool(np.any(told))
         if not albedo.anisotropic:
             surface.without_azimuth()
             points.places = points.places[:, :-1]
+
+    def _turned(self, places: np.ndarray, *angles: float) -> np.ndarray:
+        """Quick values with the light turned by some angles (radians): (angles, places)."""
+        every = np.repeat(places[None], len(angles), axis=0)
+        every[..., -1] = (every[..., -1] + np.array(angles)[:, None] / (2 * np.pi)) % 1
+        return self.surface.estimate(0, every.reshape(-1, places.shape[1]))[0].reshape(len(angles), -1)
 
     def starts(self, points: Points, most: int) -> np.ndarray:
         """Indices of the best points that are well separated, from all angles; a plateau of equal values is few of them.
