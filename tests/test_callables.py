@@ -16,6 +16,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BlinnPhong, Phong
 from brdfcheck.brdf.microfacet import GGX
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+from brdfcheck.verdict import check
 
 WI, WO = random_directions(300, 1), random_directions(300, 2)
 
@@ -309,6 +310,19 @@ def test_a_batch_that_is_not_its_directions_is_told(function, message):
     trouble = Evaluator(lambda: function, {}).disagreement({})
     assert trouble is not None
     assert re.search(message, trouble), trouble
+
+
+@pytest.mark.parametrize(("weight", "least"), [(lambda c: c, -1.0), (lambda c: jnp.maximum(c - 0.6, 0), 0.0)])
+def test_it_is_told_where_the_term_at_fault_is_nothing_in_the_middle(weight, least):
+    def family(c):
+        return lambda wi, wo: (0.9 + 0.25 * weight(c) * normalised_by_the_batch(wi, wo)) / np.pi
+
+    report = check(family, c=(least, 1.0), effort="quick")
+    # Light along the normal: the half vector's cosine is that of half the angle.
+    u = 0.5**0.5
+    mean = 8 * ((u**3 - 1) / 3 - 2 * (u**5 - 1) / 5)
+    assert report.albedo == pytest.approx(0.9 + 0.25 * float(weight(1.0)) * mean, rel=1e-8)
+    assert any("other values than one by one" in finding for finding in report.findings), report.findings
 
 
 def random_while_traced(wi, wo):

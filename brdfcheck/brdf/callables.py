@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -38,6 +38,10 @@ ALIGNED = 64
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
 _NUMPY_CALL = 7 * BLOCK
+# For how many rows calls of numpy functions are prepared together.
+_ROWS_OF_CALLS = 32
+# How many directions are compared with themselves alone.
+_COMPARED = 20
 # Numbers from which on an array is a table.
 _LARGE = 2**14
 
@@ -215,14 +219,16 @@ class Evaluator:
         return sums.reshape(points, blocks, -1)
 
     def _pieces(self, parameters: np.ndarray) -> list[slice]:
-        """Rows that are evaluated together; of a numpy function those of the same parameters, in one call."""
-        count = len(parameters)
-        if not self.slow:
-            return [slice(i, min(i + self._rows, count)) for i in range(0, count, self._rows)]
+        """Rows that are evaluated together."""
+        count, most = len(parameters), min(self._rows, _ROWS_OF_CALLS) if self.slow else self._rows
+        return [slice(i, min(i + most, count)) for i in range(0, count, most)]
+
+    def _calls(self, parameters: np.ndarray) -> Iterator[tuple[int, int]]:
+        """From where to where rows of the same parameters go, which a numpy function is given in one call."""
         change = np.flatnonzero(np.any(parameters[1:] != parameters[:-1], axis=1)) + 1
-        limits = np.unique(np.concatenate([[0, count], change]))
         most = max(1, _NUMPY_CALL // BLOCK)
-        return [slice(int(i), int(min(i + most, high))) for low, high in pairwise(limits) for i in range(low, high, most)]
+        for low, high in pairwise([0, *change.tolist(), len(parameters)]):
+            yield from ((i, min(i + most, high)) for i in range(low, high, most))
 
     def _evaluate(
         self,
@@ -240,10 +246,14 @@ class Evaluator:
         count = rows.stop - rows.start
         mine = np.arange(count) if table is None else table[rows]
         if self.slow:
-            view = np.stack(_turned(turn[rows], wo[:, mine])).reshape(3, -1).T
-            light = wi[:, rows] if wi.ndim == 3 else wi[:, rows, None]
-            light = np.broadcast_to(light, (3, count, BLOCK)).reshape(3, -1).T
-            return self._numpy_call(parameters[rows.start], light, view).reshape(count, BLOCK, -1)
+            view = np.stack(_turned(turn[rows], wo[:, mine]))
+            light = np.array(np.broadcast_to(wi[:, rows] if wi.ndim == 3 else wi[:, rows, None], view.shape))
+            place = parameters[rows]
+            calls = [
+                self._numpy_call(place[low], *(part[:, low:high].reshape(3, -1).T for part in (light, view)), own=True)
+                for low, high in self._calls(place)
+            ]
+            return np.concatenate(calls).reshape(count, BLOCK, -1)
         # Where each direction has a light of its own there is no table to choose from.
         size, first = _TABLE if wi.ndim == 2 else self._rows, int(mine.min())
         if int(mine.max()) - first < size:
@@ -286,21 +296,30 @@ class Evaluator:
 
         return evaluate
 
-    def _numpy_call(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        values = self._caller.called(parameters, wi, wo)
+    def _numpy_call(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, *, own: bool = False) -> np.ndarray:
+        values = self._caller.called(parameters, wi, wo, own=own)
         channels = self._caller.shape_of(values, len(wi))
         if channels is not None and channels != self.channels:
             raise Finding(f"{self._name} returned {self.channels or 1} channels for 2 directions, {channels} for {len(wi)}")
         values = values if values.dtype.kind == "f" else values.astype(float)
-        return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
+        return (values if values.ndim else np.broadcast_to(values, len(wi))).reshape(len(wi), -1)
 
     # --- is a batch what its directions are one by one? ---
 
-    def disagreement(self, parameters: Mapping[str, float]) -> str | None:
+    def disagreement(self, *places: Mapping[str, float]) -> str | None:
         """What is wrong where a batch of directions is not what its directions are alone, in other orders and batches.
 
-        Raises Finding where it is not even what it was before.
+        At the first of the places (parameters) many directions are compared; at the others, where a term may count that is
+        nothing at the first, some. Raises Finding where a batch is not even what it was before.
         """
+        alone = self._alone()
+        counts = (_COMPARED if number == 0 else _COMPARED // 4 for number in range(len(places)))
+        told = (self._disagreement(place, alone, count) for place, count in zip(places, counts, strict=True))
+        return next(filter(None, told), None)
+
+    def _disagreement(
+        self, parameters: Mapping[str, float], alone: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], count: int
+    ) -> str | None:
         place = np.array([float(parameters[name]) for name in self.names])
         wi, wo = sample()
         bound = self.bind(parameters)
@@ -311,15 +330,18 @@ class Evaluator:
         order = np.arange(len(wi))
         first = together(order)
         scale = np.maximum(np.abs(first), np.max(np.abs(first), initial=0.0) * 1e-9)
+        # At an end of a range a function may round more.
+        rounding = max(1e-7 if count == _COMPARED else 1e-5, 1e4 * self.epsilon)
 
         def differs(values: np.ndarray, rows: np.ndarray) -> bool:
             with np.errstate(all="ignore"):
-                return bool(np.any(np.abs(values - first[rows]) > max(1e-7, 1e4 * self.epsilon) * scale[rows]))
+                return bool(np.any(np.abs(values - first[rows]) > rounding * scale[rows]))
 
-        alone = self._alone(place)
         # Each size is a program to compile: for JAX there is one besides that of all requests, plain calls cost nothing.
         apart = any(
-            differs(np.concatenate([alone(wi[i : i + size], wo[i : i + size]) for i in range(0, 20, size)]), order[:20])
+            differs(
+                np.concatenate([alone(place, wi[i : i + size], wo[i : i + size]) for i in range(0, count, size)]), order[:count]
+            )
             for size in ((1, 5) if self.slow else (1,))
         )
         turned = np.random.default_rng(3).permutation(len(wi))
@@ -337,15 +359,15 @@ class Evaluator:
             " vector), or because the values depend on the number of directions, or are random"
         )
 
-    def _alone(self, place: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        """f for batches as small as they are given, traced anew: (k, 3) twice -> (k, channels or 1)."""
+    def _alone(self) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+        """f for parameters and batches as small as they are given, traced anew: (k, 3) twice -> (k, channels or 1)."""
         if self.slow:
-            return lambda wi, wo: self._numpy_call(place, wi, wo)
+            return self._numpy_call
         held, member = self._members()
         values = jax.jit(lambda held, p, wi, wo: member(held, p)(wi, wo), compiler_options=self._options)
         program = functools.partial(values, held)
 
-        def evaluate(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        def evaluate(place: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             try:
                 with np.errstate(all="ignore"), double_precision():
                     values = np.asarray(program([np.asarray(value) for value in place], wi, wo))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
@@ -79,6 +79,14 @@ def corners(bounds: Iterable[Iterable[float]], most: int) -> list[tuple[float, .
             corner.append(pair[which])
         found.append(tuple(corner))
     return found
+
+
+def examples(ranges: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
+    """Where a family is asked for what it is: in the middle, off it and at corners (somewhere it may be nothing at all)."""
+    inside = [tuple((1 - part) * low + part * high for low, high in ranges) for part in (0.5, 0.37)]
+    drawn = random.Random(5)
+    tilted = [tuple(drawn.uniform(low, high) for low, high in ranges) for _ in range(4)]
+    return list(dict.fromkeys([*inside, *tilted, *corners(ranges, 64)]))
 
 
 @dataclass(frozen=True)

@@ -205,11 +205,13 @@ class Caller:
             raise Finding(f"{self.name} returned {type(found).__name__}, not an array of numbers{advice}")
         return found
 
-    def called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """One call of the plain function. It gets arrays of its own: it may write to them."""
-        result = self._guarded(
-            parameters, lambda: self._bound(parameters)(*(np.array(part, order=self._order) for part in (wi, wo)))
-        )
+    def called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, *, own: bool = False) -> np.ndarray:
+        """One call of the plain function. It gets arrays of its own: it may write to them.
+
+        `own`: these are, and they lie in memory component by component.
+        """
+        pairs = [part if own and self._order == "F" else np.array(part, order=self._order) for part in (wi, wo)]
+        result = self._guarded(parameters, lambda: self._bound(parameters)(*pairs))
         try:
             return np.asarray(result)
         except Exception as error:

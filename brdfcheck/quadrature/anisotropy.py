@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from brdfcheck.brdf.callables import BLOCK, Evaluator
-from brdfcheck.brdf.family import corners
+from brdfcheck.brdf.family import examples
 
 TREMORS = np.array([0, 3e-7, 1e-6, -2e-6, -5e-7, 2.3e-6, -3.1e-6, 1.7e-6])
 """Turns (radians) that change nothing but how values round."""
@@ -29,7 +29,7 @@ def turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float
     What rounds a lot (float32 near a pole) changes as much when it turns by next to nothing; such pairs are judged by their
     number, the others one by one. In single precision all round: there pairs are asked several times.
     """
-    chosen = _places(ranges)
+    chosen = examples(ranges)
     places = np.array(chosen, float).reshape(len(chosen), len(ranges))
     random = np.random.default_rng(20)
     rows = max(2, 48 // len(places))
@@ -64,20 +64,10 @@ def turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float
             if usual > 5 * least + 4 * evaluator.epsilon:
                 return True
             here, there = (np.stack([turned(angle + step) for step in TREMORS]) for angle in (0.0, turn))
-            return np.count_nonzero(apart(here, there, clean) & told) >= _SECTOR
+            return bool(np.count_nonzero(apart(here, there, clean) & told) >= _SECTOR)
         noisy = noise > 1e-4 * scale
         clear = suspects & (change > 10 * noise)
         return bool(np.any(clear & ~noisy) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(scale > 1e-12 * peak))
-
-
-def _places(ranges: list[tuple[float, float]]) -> list[tuple[float, ...]]:
-    """Where a family is asked for what it is: at corners, in the middle and off it (at a corner it may be nothing at all)."""
-    inside = [tuple((1 - part) * low + part * high for low, high in ranges) for part in (0.5, 0.37)]
-    tilted = [
-        tuple((1 - part) * low + part * high for part, (low, high) in zip(parts, ranges, strict=True))
-        for parts in np.random.default_rng(5).uniform(0, 1, (4, len(ranges)))
-    ]
-    return list(dict.fromkeys([*corners(ranges, 64), *inside, *tilted]))
 
 
 def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:

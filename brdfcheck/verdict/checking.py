@@ -14,7 +14,7 @@ import jax.numpy
 import numpy as np
 
 from brdfcheck.brdf.callables import Finding
-from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.family import Family, examples
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
@@ -23,6 +23,7 @@ from brdfcheck.verdict.measured import doubted, searched
 from brdfcheck.verdict.parts import Check, Doubt, SideChecks
 from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE, Report, Verdict, judge
+from brdfcheck.verdict.scan import prepare
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
 
 _log = logging.getLogger("brdfcheck")
@@ -91,6 +92,7 @@ def check_family(
 ) -> Report:
     """`check` for a `Family`."""
     start = time.perf_counter()
+    prepare()
     findings: list[str] = []
     notes = list(family.notes)
     worst: Supremum | None = None
@@ -230,8 +232,8 @@ def _batches(albedo: PointwiseAlbedo) -> list[str]:
     """
     evaluator = albedo.evaluator
     assert evaluator is not None
-    middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in albedo.family.ranges.items() if low < high}
-    trouble = evaluator.disagreement(middle)
+    places = examples([albedo.family.ranges[name] for name in albedo.swept])
+    trouble = evaluator.disagreement(*(dict(zip(albedo.swept, place, strict=True)) for place in places))
     if trouble is None:
         return []
     if not evaluator.evaluated_alone():

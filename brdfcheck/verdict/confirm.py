@@ -53,7 +53,8 @@ class Confirmation:
         self.hard = False
         # A place, and towards what the albedo grows without bound.
         self.unbounded: tuple[np.ndarray, str] | None = None
-        self._tried: list[np.ndarray] = []
+        # Where `finish` has climbed from: a second climb from there would be the first one again.
+        self._tried: set[tuple[float, ...]] = set()
 
     # --- places as they are, and ends of climbs ---
 
@@ -257,17 +258,17 @@ class Confirmation:
 
     def finish(self) -> None:
         """Climb on where a climb stopped early and could still become the highest."""
-        if self.surface.fast or self.unbounded is not None or self.hard or not self.surface.box.dimension:
+        surface, winners = self.surface, self.winners
+        if surface.fast or self.unbounded is not None or self.hard or not surface.box.dimension:
             return
-        winners = self.winners
         for _ in range(_UNFINISHED if np.any(winners.finite) else 0):
-            early = [i for i in winners.open() if not (winners.climbed[i] and winners.asked[i] <= (self.surface.rtol or 0))]
+            early = [i for i in winners.open() if not (winners.climbed[i] and winners.asked[i] <= (surface.rtol or 0))]
             if not winners.climbed[winners.top]:
                 early.insert(0, winners.top)
-            early = [i for i in early if winners.errors[i] < _ROUGH and not self._was_tried(winners.places[i])]
+            early = [i for i in early if winners.errors[i] < _ROUGH and tuple(winners.places[i]) not in self._tried]
             if not early:
                 return
-            self._tried.append(winners.places[early[0]])
+            self._tried.add(tuple(winners.places[early[0]]))
             self._polish(winners.places[early[0]], None, _ARM)
 
     def lines(self) -> None:
@@ -292,18 +293,19 @@ class Confirmation:
     def level(self) -> None:
         """On a plateau a climb's gap is the noise of its rule: where the surface is level, there is nothing to climb.
 
-        Level, by the rule of a verdict: it differs by no more than that gap or noise on either side, or falls from the end of a
-        range. Where it is not and the gap is more than noise, the climb goes on by that rule.
+        Level, by the rule of a verdict: it differs by no more than that gap on either side, or falls from the end of a range.
+        Where the gap is more than noise it must be level to all digits; or the climb goes on by that rule.
         """
         surface, winners = self.surface, self.winners
         if surface.fast or self.unbounded is not None or self.hard or not np.any(winners.finite):
             return
         tops: list[tuple[np.ndarray, float]] = []
         for index in winners.open()[: 2 * _FINEST]:
-            place, value, gap = winners.places[index], winners.values[index], winners.gaps[index]
+            place, value, gap = winners.places[index], float(winners.values[index]), float(winners.gaps[index])
             if not (winners.climbed[index] and winners.settled[index]) or winners.limits[index]:
                 continue
-            if gap <= _PERHAPS_NOISE and (top := self._level(place, value, min(gap, _NOISE))) is not None:
+            noise = gap if gap <= _NOISE else 0.0
+            if gap <= _PERHAPS_NOISE and (top := self._level(place, value, noise)) is not None:
                 winners.gaps[index] = min(gap, max(0.0, top - value - winners.errors[index]))
             elif gap > _NOISE:  # the rule of the climb was that of another place
                 near = [top for other, top in tops if surface.box.distance(other, place) < _SAME]
@@ -311,15 +313,14 @@ class Confirmation:
                 winners.gaps[index] = min(gap, max(0.0, tops[-1][1] - value))
 
     def _level(self, place: np.ndarray, value: float, noise: float) -> float | None:
-        """How high the surface may be beside a place where it is level but for `noise`; None where it is not level."""
+        """How high the surface may be beside a place where it is level but for `noise`, or to all digits; else None."""
         surface = self.surface
-        steps = _ARM * np.concatenate([np.eye(len(place)), -np.eye(len(place))])
-        places = place + steps
+        places = place + _ARM * np.concatenate([np.eye(len(place)), -np.eye(len(place))])
         inside = np.all((places >= 0) & (places <= 1) | surface.box.periodic, axis=1)
         found, bars = surface.produce(surface.box.kept(places[inside]), surface.rtol)
         both = np.tile(inside[: len(place)] & inside[len(place) :], 2)[inside]
         rises = found - value
-        level = np.where(both, np.abs(rises) <= noise, rises <= bars)
+        level = np.where(both, np.abs(rises) <= np.maximum(noise, 2 * bars), rises <= bars)
         return float(np.max(found + bars)) if np.all(level) and np.all(np.isfinite(found)) else None
 
     def _top_from(self, place: np.ndarray) -> float:
@@ -362,16 +363,10 @@ class Confirmation:
             self._inwards(ends.places[0], float(ends.values[0]), float(ends.errors[0]))
         return ends
 
-    def _was_tried(self, place: np.ndarray) -> bool:
-        """True where `finish` has climbed from: a second climb from there would be the first one again."""
-        return any(np.array_equal(place, other) for other in self._tried)
-
     def tighten(self) -> None:
         """More digits for places that are as high as the winner only by their own error."""
         rtol, winners = self.surface.rtol, self.winners
-        if self.surface.fast or self.unbounded is not None or rtol is None:
-            return
-        if not np.any(winners.finite):
+        if self.surface.fast or self.unbounded is not None or rtol is None or not np.any(winners.finite):
             return
         # Where the winner has few digits, the others need no more.
         rough = max(rtol, winners.errors[winners.top] / 3)

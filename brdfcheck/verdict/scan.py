@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +27,12 @@ _ECHOES = 96
 # Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned, mostly; between which
 # angles (radians), and how many of those that changed more are looked at for their rounding.
 _TURNED, _TURNS, _SUSPECTS = 1e-7, (0.0, 2.4), 64
+
+
+@functools.cache
+def prepare() -> None:
+    """Import what a scan needs beside other work: it takes a quarter of a second, which who checks nothing does without."""
+    threading.Thread(target=importlib.import_module, args=("scipy.spatial",), daemon=True).start()
 
 
 @dataclass
@@ -116,7 +125,8 @@ class Scan:
                 told = surface.box.physical(places)[1] < 1 - 1e-6  # light along N has no azimuth
                 suspects = np.flatnonzero(told & (change > clean))
                 suspects = suspects[np.argsort(-change[suspects])][:_SUSPECTS]
-                told = apart(*(self._turned(places[suspects], *(turn + TREMORS)) for turn in _TURNS), clean)
+                here, there = (self._turned(places[suspects], *(turn + TREMORS)) for turn in _TURNS)
+                told = apart(here, there, clean)
             albedo.anisotropic = bool(np.any(told))
         if not albedo.anisotropic:
             surface.without_azimuth()
@@ -176,7 +186,7 @@ class Scan:
         good = np.flatnonzero(np.isfinite(points.values))
         if dimension == 0 or len(good) < 4 * (dimension + 1):
             return np.zeros((0, dimension))
-        from scipy.spatial import KDTree  # a quarter of a second, which commands that check nothing do without
+        from scipy.spatial import KDTree
 
         tree = KDTree(points.places[good])
         top = good[np.argsort(points.values[good])[::-1][: min(len(good), 4096)]]
@@ -201,7 +211,6 @@ class Scan:
         neighbours = 2 * dimension + 4
         if not swept or angle is None or len(good) < 4 * neighbours:
             return np.zeros((0, dimension))
-        from scipy.ndimage import uniform_filter1d
         from scipy.spatial import KDTree
 
         places, values = points.places[good], points.values[good]
@@ -220,7 +229,8 @@ class Scan:
         order = np.argsort(places[:, angle], kind="stable")
         window = max(len(order) // 64, 8)
         usual = np.empty(len(order))
-        usual[order] = uniform_filter1d(values[order], 2 * window + 1, mode="nearest")
+        beyond = np.pad(values[order], window, mode="edge")
+        usual[order] = np.convolve(beyond, np.full(2 * window + 1, 1 / (2 * window + 1)), mode="valid")
         high = values - usual
         ranked = np.argsort(-excess)
         chosen = np.unique(np.concatenate([ranked[:_ECHOES], np.argsort(-high)[: _ECHOES // 2]]))

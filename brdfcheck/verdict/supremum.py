@@ -161,11 +161,11 @@ class _Search:
             fresh = scan.again(turn, before, winners.places[winners.top] if len(winners) else scan.points.places[0])
             self.tell()
             self.ascend(fresh, _STARTS // 4)
-            if winners.best > before:
-                self.rivals()
             # Higher by more than the errors of the two.
-            blur = winners.errors[winners.finite & (winners.values == winners.best)]
-            settled = not winners.best > before + 1e-7 * max(1, abs(before)) + min(2 * np.min(blur, initial=0.005), 1e-2)
+            blur = 2 * float(np.min(winners.errors[winners.finite & (winners.values == winners.best)], initial=0.005))
+            if winners.best > before + blur:
+                self.rivals()
+            settled = not winners.best > before + 1e-7 * max(1, abs(before)) + min(blur, 1e-2)
             if settled or self.confirm.unbounded is not None:
                 break
         self.rest()
