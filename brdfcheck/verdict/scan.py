@@ -20,10 +20,13 @@ _COSINES = 513
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many at the end by the third.
 _SECOND, _THIRD, _LAST = 512, 64, 512
+# How many are looked at by the second rule where so many may be the highest.
+_DOUBTFUL = 4096
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
-# How many points that stand out are looked at again at the angles of the winner.
-_ECHOES = 96
+# How many points that stand out are looked at again at the angles of the winner; of how many that do, upwards or downwards, the
+# parameters are looked at again at all angles, and at how many of these.
+_ECHOES, _ODD, _ODD_ANGLES = 96, 16, 33
 # Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned, mostly; between which
 # angles (radians), and how many of those that changed more are looked at for their rounding.
 _TURNED, _TURNS, _SUSPECTS = 1e-7, (0.0, 2.4), 64
@@ -68,10 +71,13 @@ class Scan:
         self.points = self.look(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]), -np.inf)
         self._straighten()
 
-    def again(self, turn: int, best: float, winner: np.ndarray) -> Points:
-        """Another scan, disjoint from those before: evenly, where the surface may rise above the best seen, and echoes."""
+    def again(self, turn: int, best: float, winner: np.ndarray, odd: np.ndarray) -> Points:
+        """Another scan, disjoint from those before: evenly, where the surface may rise above the best seen, and echoes.
+
+        Of the parameters of the places `odd` all angles are looked at.
+        """
         places = [self.surface.box.scan(self._count // 4, (turn + 1) * self._count, self._cosines)]
-        places += [self._near(self._count // 8, turn), self._echoes(winner)]
+        places += [self._near(self._count // 8, turn), self._echoes(winner), self.at_all_angles(odd)]
         fresh = self.look(np.concatenate(places), best)
         self.points = self.points.joined(fresh)
         return fresh
@@ -100,7 +106,11 @@ class Scan:
         chosen = np.flatnonzero((points.levels == level - 1) & (reach > floor))
         if not self.surface.fast:
             chosen = chosen[points.errors[chosen] > 1e-10]
-        chosen = chosen[np.argsort(-reach[chosen])][:most]
+        chosen = chosen[np.argsort(-reach[chosen])]
+        if level == 1:  # whatever may be the highest, and that is soon told
+            sure = best if np.isfinite(best) else float(np.max(points.values - points.errors, initial=-np.inf))
+            most = max(most, min(int(_DOUBTFUL * self.scale), int(np.count_nonzero(reach[chosen] > sure))))
+        chosen = chosen[:most]
         if not chosen.size:
             return
         value, error = self.surface.estimate(level, points.places[chosen])
@@ -239,6 +249,10 @@ class Scan:
         if box.turning:  # at their own azimuth, and at the winner's
             echoes.append(echoes[0].copy())
             echoes[1][:, -1] = winner[-1]
+        # In a narrow range of a parameter the albedo may be lower than around it at most angles, and the highest at others.
+        off = np.abs(values - plane)
+        odd = np.unique([np.argsort(-off)[:_ODD], np.argsort(-off / (points.errors[good] + 1e-9))[:_ODD]])
+        echoes.append(self.at_all_angles(places[odd]))
         # One parameter at a time with all else as for the winner, and with the point's own angle: what is narrow in both.
         few = places[ranked[: _ECHOES // 2]]
         for axis in range(swept if swept > 1 else 0):
@@ -247,6 +261,14 @@ class Scan:
                 crossed[:, kept] = few[:, kept]
                 echoes.append(crossed)
         return np.concatenate(echoes)
+
+    def at_all_angles(self, places: np.ndarray) -> np.ndarray:
+        """The parameters (and azimuths) of some places at all angles."""
+        if self.surface.angle is None:
+            return places
+        lines = np.repeat(places, _ODD_ANGLES, axis=0)
+        lines[:, self.surface.angle] = np.tile(np.linspace(0, 1, _ODD_ANGLES), len(places))
+        return lines
 
     def width(self, places: np.ndarray | None) -> dict[str, float]:
         """The widest region that scans may have missed: the largest gaps between points, axis by axis and in all.

@@ -48,6 +48,8 @@ _HIGHEST, _TOP = 4, 1e-9
 _AGAIN = 4
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
 _LINE, _RIVALS = 513, 24
+# Which part of a line is far enough from a place for it to stand out, and how many places that do are looked at again.
+_BESIDE, _ODD = 64, 6
 # How many scanned points are confirmed at a time, and of a BRDF with jumps.
 _CONFIRMED, _CONFIRMED_JUMPS = 16, 4
 # Parameters at which all decades towards grazing are looked at, besides the corners.
@@ -135,6 +137,8 @@ class _Search:
         self.winners = Winners(self.surface.box)
         self.confirm = Confirmation(self.surface, self.winners, self.tell)
         self.winner = np.zeros(self.surface.box.dimension)
+        # Parameters of which all angles are looked at.
+        self.odd = np.zeros((0, self.surface.box.dimension))
         self.climbs = 0
         # The part of their promise (how far they might rise above the best) that scanned points kept when they were confirmed;
         # and the points looked at by the rule of a verdict where the quick rules resolve nothing.
@@ -158,7 +162,8 @@ class _Search:
         settled = False
         for turn in range(_AGAIN):
             before = winners.best
-            fresh = scan.again(turn, before, winners.places[winners.top] if len(winners) else scan.points.places[0])
+            winner = winners.places[winners.top] if len(winners) else scan.points.places[0]
+            fresh = scan.again(turn, before, winner, self.odd)
             self.tell()
             self.ascend(fresh, _STARTS // 4)
             # Higher by more than the errors of the two.
@@ -252,7 +257,7 @@ class _Search:
     def rivals(self) -> None:
         """Climb from the crests that lines through the winner, along each axis, go over."""
         winners, box = self.winners, self.surface.box
-        if not np.any(winners.finite) or not box.dimension or self.confirm.unbounded is not None or self.confirm.hard:
+        if not np.any(winners.finite) or not box.dimension or self.confirm.unbounded is not None:
             return
         winner = winners.places[int(np.argmax(np.where(winners.finite, winners.values, -np.inf)))]
         along = np.linspace(0, 1, max(int(_LINE * self.scale), 65))
@@ -261,6 +266,9 @@ class _Search:
             lines[axis, :, axis] = along
         lines = lines.reshape(-1, box.dimension)
         value, error = self.surface.estimate(0, lines)
+        self.odd = self.stand_out(lines.reshape(box.dimension, -1, box.dimension), value.reshape(box.dimension, -1))
+        if self.confirm.hard:
+            return
         height = np.pad(value.reshape(box.dimension, -1), ((0, 0), (1, 1)), constant_values=-np.inf)
         before, middle, after = height[:, :-2], height[:, 1:-1], height[:, 2:]
         crest = (middle > before) & (middle >= after) & (np.abs(along - winner[:, None]) > 1.5 / len(along))
@@ -271,6 +279,23 @@ class _Search:
         tops = np.flatnonzero(crest.ravel() & (top > winners.best - 2e-2 * max(1, abs(winners.best))))
         found = Points(lines, value, error, np.zeros(len(value), int))
         self.follow(found, tops[np.argsort(-top[tops])][:_RIVALS])
+
+    def stand_out(self, lines: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """Where lines along the parameters (axes, points, dimension) stand out upwards or downwards: (places, dimension).
+
+        Quick rules err alike along them: so a narrow range is seen in which the BRDF is another one.
+        """
+        far = max(2, height.shape[1] // _BESIDE)
+        chosen = []
+        for line, along in zip(lines, height[: len(self.surface.box.swept)], strict=False):
+            beyond = np.pad(along, far, mode="edge")
+            off = np.nan_to_num(np.abs(along - (beyond[: -2 * far] + beyond[2 * far :]) / 2), posinf=0.0)
+            for _ in range(_ODD):
+                top = int(np.argmax(off))
+                if off[top] > 0:
+                    chosen.append(line[top])
+                off[max(0, top - far) : top + far + 1] = 0
+        return np.array(chosen).reshape(-1, lines.shape[-1])
 
     # --- what is left in doubt ---
 
@@ -292,7 +317,7 @@ class _Search:
         if np.count_nonzero(blind) > most:
             spread = self.scan.spread(4 * most)
             self.resolved = np.concatenate([points.places[left[:: max(1, len(left) // (2 * most))]], spread])
-            self.resolve(self.resolved)
+            self.resolve(np.concatenate([self.resolved, self.scan.at_all_angles(self.odd)]))
         if left.size:
             reach, best = points.reach, winners.best
             some = left[np.argsort(-reach[left])][:most]
