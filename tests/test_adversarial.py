@@ -7,9 +7,11 @@ is asserted of all together: few are UNDECIDED that are clear.
 from __future__ import annotations
 
 import gc
+from typing import Any
 
 import adversarial
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from adversarial import Case
@@ -94,6 +96,77 @@ def test_numpy_and_jax_agree(kind: str) -> None:
     assert with_jax.engine == "adaptive"
     if np.isfinite(with_jax.albedo):
         assert with_numpy.albedo == pytest.approx(with_jax.albedo, abs=with_numpy.error + with_jax.error)
+
+
+def albedo_in_a_window(seed: int) -> tuple[Any, float]:
+    """A family whose albedo is that of its factor, at most 0.999 but on a hundredth of the range, and the largest there.
+
+    In that window it is mostly lower than elsewhere, and the highest about one angle only.
+    """
+    random = np.random.default_rng([77, seed])
+    p0, low, b = random.uniform(0.02, 0.98), random.uniform(0.2, 0.97), random.uniform()
+    width, excess, bend = 10 ** random.uniform(-2, -0.5), 10 ** random.uniform(-3, -1), random.uniform(0, 0.5)
+    angle, soft = random.choice([0.0, 1.0, random.uniform()], p=[0.15, 0.25, 0.6]), random.uniform() < 0.3
+
+    def family(p: Any) -> Any:
+        def f(wi: Any, wo: Any) -> Any:
+            t = 2 / jnp.pi * jnp.arccos(jnp.clip(wi[..., 2], -1, 1))
+            inside = low + (1 + excess - low) * jnp.exp(-(((t - angle) / width) ** 2))
+            outside = 0.999 - bend * (t - b) ** 2
+            weight = jnp.exp(-(((p - p0) / 0.005) ** 2)) if soft else jnp.where(abs(p - p0) < 0.005, 1.0, 0.0)
+            return (outside + (inside - outside) * weight) / jnp.pi + 0 * wo[..., 2]
+
+        return f
+
+    return family, 1 + excess
+
+
+@pytest.mark.parametrize("seed", few(range(40), (1, 3)))
+def test_another_albedo_in_a_narrow_range_is_found(seed: int) -> None:
+    family, truth = albedo_in_a_window(seed)
+    report = check_family(Family("window", family, {"p": (0.0, 1.0)}), intervals=False)
+    assert report.verdict is Verdict.VIOLATES
+    assert abs(report.albedo - truth) <= report.error + 1e-12
+
+
+def unresolved_ring(wi: Any, wo: Any) -> Any:
+    width = 0.049
+    return jnp.exp(-((wo[..., 2] ** 2 - 0.46) ** 2) / (2 * width**2)) / (np.pi * width * np.sqrt(2 * np.pi)) + 0 * wi[..., 2]
+
+
+def reciprocal_ripple(wi: Any, wo: Any) -> Any:
+    return (1 + 0.5 * jnp.cos(16 * jnp.pi * (wo[..., 2] ** 2 - wi[..., 2] ** 2))) / jnp.pi
+
+
+def plain_ground(wi: Any, wo: Any) -> Any:
+    """Brightest at an oblique angle."""
+    return (1 - 0.05 * (wi[..., 2] - 0.64) ** 2) / jnp.pi + 0 * wo[..., 2]
+
+
+@pytest.mark.parametrize(
+    ("ground", "p0", "half", "n"),
+    [
+        (plain_ground, 0.3589, 0.005, 30.0),
+        (unresolved_ring, 0.344, 0.005, 16.0),
+        pytest.param(unresolved_ring, 0.169, 0.1, 16.0, marks=pytest.mark.slow),
+        pytest.param(reciprocal_ripple, 0.344, 0.005, 16.0, marks=pytest.mark.slow),
+        pytest.param(reciprocal_ripple, 0.456, 0.1, 16.0, marks=pytest.mark.slow),
+    ],
+)
+def test_a_lobe_in_a_narrow_range_is_found_whatever_is_beside_it(ground: Any, p0: float, half: float, n: float) -> None:
+    """The quick rules do not resolve ring and ripple, whose albedo is 0.999; the lobe's is above 1 near the normal only."""
+
+    def family(p: Any) -> Any:
+        def f(wi: Any, wo: Any) -> Any:
+            c = wi[..., 2] * wo[..., 2] - wi[..., 0] * wo[..., 0] - wi[..., 1] * wo[..., 1]
+            lobe = 1.003 * (n + 2) / (2 * jnp.pi) * jnp.maximum(c, 0) ** n
+            return jnp.where(abs(p - p0) < half, lobe, 0.999 * ground(wi, wo))
+
+        return f
+
+    report = check_family(Family("window", family, {"p": (0.0, 1.0)}), intervals=False)
+    assert report.verdict is Verdict.VIOLATES
+    assert abs(report.albedo - 1.003) <= report.error
 
 
 @pytest.mark.bench

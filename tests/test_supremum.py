@@ -351,6 +351,9 @@ def test_a_tall_peak_is_a_number(function: bool):
 def test_grazing_light_without_bound():
     found = largest(lambda: PerCosine(Phong(5.0)))
     assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)
+    # Like 1 / mu until the rounding of the engine holds it.
+    found = largest(lambda alpha: GGX(alpha, masking="none"), alpha=(0.05, 1.0))
+    assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)
     # E = k mu^(-k/4): of a function only its limit tells.
     found = largest(lambda k: lambda wi, wo: k / jnp.pi * wi[..., 2] ** (-k / 4) + 0 * wo[..., 2], k=(0.0, 1.0))
     assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)

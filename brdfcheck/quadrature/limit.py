@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 # Cosines from which the limit is taken, and those at which a growth must go on to count as one without bound.
-_COSINES = 10.0 ** -np.arange(5.0, 12.0)
+LAST_DECADES = 10.0 ** -np.arange(5.0, 12.0)
 _BEYOND = 10.0 ** -np.array([12.0, 15.0, 20.0, 30.0])
 # Differences of successive decades with a ratio below this have a limit; above it they grow like a logarithm or faster.
 _SLOWEST = 0.93
@@ -40,14 +40,14 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
             found[cosine] = np.asarray(value, float), np.asarray(error, float)
         return found[cosine]
 
-    (value, error), (before, _) = at(_COSINES[-1]), at(_COSINES[-3])
+    (value, error), (before, _) = at(LAST_DECADES[-1]), at(LAST_DECADES[-3])
     with np.errstate(all="ignore"):
         change = np.abs(value - before)
     if np.all(change <= np.maximum(2 * error, 1e-14)):
         return value, error + _UNKNOWN * change
-    values, errors = (np.stack(part) for part in zip(*(at(cosine) for cosine in _COSINES), strict=True))
+    values, errors = (np.stack(part) for part in zip(*(at(cosine) for cosine in LAST_DECADES), strict=True))
     flat, flat_errors = values.reshape(len(values), -1), errors.reshape(len(values), -1)
-    pairs = [_extrapolated(flat[:, i], flat_errors[:, i]) for i in range(flat.shape[1])]
+    pairs = [extrapolated(flat[:, i], flat_errors[:, i]) for i in range(flat.shape[1])]
     limits, bars = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
     rising = np.isposinf(limits)
     slow = np.array([_creeps(flat[:, i], flat_errors[:, i]) for i in range(len(limits))])
@@ -57,7 +57,7 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
             limits[i], bars[i] = _creeping(far[:, i], far_errors[:, i], limits[i], bars[i])
     if np.any(rising):
         farther = [at(cosine) for cosine in _BEYOND]
-        ladder = np.log10([_COSINES[-1], *_BEYOND])
+        ladder = np.log10([LAST_DECADES[-1], *_BEYOND])
         for i in np.flatnonzero(rising):
             values = np.array([flat[-1, i], *(np.ravel(value)[i] for value, _ in farther)])
             bars_beyond = np.array([flat_errors[-1, i], *(np.ravel(error)[i] for _, error in farther)])
@@ -71,8 +71,8 @@ def grazing_limit(albedo: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> t
     return limits.reshape(value.shape), bars.reshape(value.shape)
 
 
-def _extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
-    """The limit of values on decades, with its error; inf where their differences do not shrink."""
+def extrapolated(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
+    """The limit of values at the cosines `LAST_DECADES`, with its error; inf where their differences do not shrink."""
     if not np.all(np.isfinite(values[-4:])):
         return (np.inf, np.inf) if np.any(np.isposinf(values[-4:])) else (np.nan, np.inf)
     steps = np.diff(values)

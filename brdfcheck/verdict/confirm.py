@@ -444,6 +444,7 @@ class Confirmation:
             if place is not None:
                 parameters, mu, _ = self.surface.box.physical(place[None])
                 names = [f"{name}={number:.4g}" for name, number in zip(self.surface.box.ranges, parameters[0], strict=True)]
-                self.unbounded = place, f"towards {' '.join([*names, f'cos={mu[0]:.4g}'])}"
+                if mu[0] > 0:
+                    self.unbounded = place, f"towards {' '.join([*names, f'cos={mu[0]:.4g}'])}"
                 self._add(place[None], np.array([np.inf]), np.array([np.inf]), 0.0)
                 return

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from brdfcheck.quadrature.limit import LAST_DECADES, extrapolated
 from brdfcheck.verdict.box import cosine_at
 from brdfcheck.verdict.surface import Surface
 
@@ -30,6 +31,10 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
     grazes = angle is not None and _grazing(surface, place)
     if grazes:
         place = place.copy()
+        place[angle] = 0
+        # Limits of functions are looked at by themselves.
+        if surface.fast and _endless(surface, place):
+            return place
         place[angle] = _BESIDE
         value = float(surface.estimate(level, place[None])[0][0])
     tops, around = [], []
@@ -53,6 +58,15 @@ def pole(surface: Surface, place: np.ndarray, value: float, level: int, check: C
         return None
     found = np.all(nearer[-3:]) or np.all(rising[-5:-2]) or value > _ENDLESS
     return place if found and not _grazing(surface, place) and _grows(surface, place) else None
+
+
+def _endless(surface: Surface, place: np.ndarray) -> bool:
+    """Whether the albedo of a lobe grows without bound towards a place at grazing incidence; what holds it is its engine."""
+    (parameters, mu, azimuth), count = surface.box.physical(place[None]), len(LAST_DECADES)
+    if mu[0] > 0:
+        return False
+    value, error = surface.albedo(np.repeat(parameters, count, axis=0), LAST_DECADES, np.repeat(azimuth, count))
+    return np.isposinf(extrapolated(value, error)[0])
 
 
 def _grows(surface: Surface, place: np.ndarray) -> bool:

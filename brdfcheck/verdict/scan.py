@@ -27,6 +27,7 @@ _MARGIN = 1e-3
 # How many points that stand out are looked at again at the angles of the winner; of how many that do, upwards or downwards, the
 # parameters are looked at again at all angles, and at how many of these.
 _ECHOES, _ODD, _ODD_ANGLES = 96, 16, 33
+_BETWEEN = np.arange(-3, 4) / 4
 # Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned, mostly; between which
 # angles (radians), and how many of those that changed more are looked at for their rounding.
 _TURNED, _TURNS, _SUSPECTS = 1e-7, (0.0, 2.4), 64
@@ -263,12 +264,26 @@ class Scan:
         return np.concatenate(echoes)
 
     def at_all_angles(self, places: np.ndarray) -> np.ndarray:
-        """The parameters (and azimuths) of some places at all angles."""
-        if self.surface.angle is None:
+        """The parameters (and azimuths) of some places at all angles, closer together about the highest albedos."""
+        angle = self.surface.angle
+        if angle is None or not len(places):
             return places
-        lines = np.repeat(places, _ODD_ANGLES, axis=0)
-        lines[:, self.surface.angle] = np.tile(np.linspace(0, 1, _ODD_ANGLES), len(places))
-        return lines
+
+        def at(angles: np.ndarray) -> np.ndarray:  # (places, angles)
+            lines = np.repeat(places[:, None], angles.shape[1], axis=1)
+            lines[..., angle] = angles
+            return lines.reshape(-1, places.shape[1])
+
+        found = np.tile(np.linspace(0, 1, _ODD_ANGLES), (len(places), 1))
+        value = np.pad(self.surface.estimate(0, at(found))[0].reshape(found.shape), ((0, 0), (1, 1)), constant_values=-np.inf)
+        crest = (value[:, 1:-1] >= value[:, :-2]) & (value[:, 1:-1] >= value[:, 2:])
+        tops = np.argsort(-np.where(crest, value[:, 1:-1], -np.inf), axis=1)[:, :2] / (_ODD_ANGLES - 1)
+        for step in (1, 1 / 4, 1 / 16):
+            beside = np.clip(tops[..., None] + step * _BETWEEN / (_ODD_ANGLES - 1), 0, 1)
+            value = self.surface.estimate(0, at(beside.reshape(len(places), -1)))[0].reshape(beside.shape)
+            tops = np.take_along_axis(beside, np.argmax(value, axis=2)[..., None], 2)[..., 0]
+            found = np.concatenate([found, beside.reshape(len(places), -1)], axis=1)
+        return at(found)
 
     def width(self, places: np.ndarray | None) -> dict[str, float]:
         """The widest region that scans may have missed: the largest gaps between points, axis by axis and in all.

@@ -315,7 +315,7 @@ class _Search:
         if surface.angle is not None:  # grazing light is no spot: it has its limits
             blind &= points.places[left, surface.angle] > GRAZES
         if np.count_nonzero(blind) > most:
-            spread = self.scan.spread(4 * most)
+            spread = self.scan.spread((16 if surface.box.dimension < 3 else 4) * most)
             self.resolved = np.concatenate([points.places[left[:: max(1, len(left) // (2 * most))]], spread])
             self.resolve(np.concatenate([self.resolved, self.scan.at_all_angles(self.odd)]))
         if left.size:
