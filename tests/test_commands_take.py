@@ -80,9 +80,9 @@ def picture(path: Path) -> np.ndarray:
     ("name", "options"),
     [
         ("mine.py:pair", ("--set", "n=5")),
-        ("mine.py:Matt", ("--set", "k=0.5")),
-        ("mine.py:rendered", ("--returns", "brdf*cos")),
-        ("lobe.glsl:f", OPTIONS),
+        pytest.param("mine.py:Matt", ("--set", "k=0.5"), marks=pytest.mark.slow),
+        pytest.param("mine.py:rendered", ("--returns", "brdf*cos"), marks=pytest.mark.slow),
+        pytest.param("lobe.glsl:f", OPTIONS, marks=pytest.mark.slow),
         ("mine.py:paper", ("--set", "through=0.5")),
         ("dielectric", ("--set", "eta=1.5")),
     ],

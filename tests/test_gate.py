@@ -300,6 +300,7 @@ def test_a_stale_entry_is_a_warning_on_github(run: Run, write: Write, monkeypatc
     assert "::warning file=brdfcheck.toml,line=1,title=brdfcheck%3A mine.py%3Abright::the known violation is smaller" in out
 
 
+@pytest.mark.slow
 def test_code_hosts_get_a_place_for_every_subject_as_seen_from_the_repository(
     run: Run, write: Write, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

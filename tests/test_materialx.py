@@ -105,6 +105,7 @@ def test_a_document_gives_colours_and_what_is_linked(tmp_path: Path) -> None:
     assert at(load(f"{path}:SR_worn", base_color=colour)) == pytest.approx(gltf_metal(np.array(colour), 1.0), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_surface_in_a_node_graph_has_what_the_graph_gives(tmp_path: Path) -> None:
     surface = METALS[METALS.index("  <gltf_pbr") : METALS.index("  <multiply")].replace(
         'nodename="rough"', 'interfacename="gloss"'

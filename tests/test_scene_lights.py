@@ -49,6 +49,7 @@ def test_polygon_shines_on_the_side_from_which_it_runs_counterclockwise():
     assert factor(SQUARE[::-1], two_sided=False) == pytest.approx(0.554126423979572, abs=1e-14)
 
 
+@pytest.mark.slow
 def test_polygon_differentiates_in_its_vertices_and_is_finite_in_float32():
     def value(vertices):
         return Polygon(vertices).irradiance(ORIGIN, UP)
@@ -97,6 +98,7 @@ def test_point_and_spot_follow_opengl():
     assert 0 < inside.sum() < 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.3, 1.57])
 @pytest.mark.parametrize("size", few([1e-12, 1.0, 1e12], (1.0,)))
 def test_polygons_with_a_hole_a_notch_and_many_corners_are_polygons(turn, size):

@@ -75,6 +75,7 @@ def test_a_full_disk_is_a_usage_error(folder: Path, words: str) -> None:
     assert (code, err) == (ExitCode.USAGE_ERROR, "brdfcheck: cannot write to <stdout>: No space left on device\n")
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("closed", few([">&- 2>&- <&-", ">&- 2>&-", "2>&-"], (">&- 2>&- <&-",)))
 def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, closed: str) -> None:
@@ -85,6 +86,7 @@ def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, closed: str) -
     assert sorted(os.listdir(folder)) in (["mine.py", "out.json"], ["__pycache__", "mine.py", "out.json"])
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 @pytest.mark.parametrize("unwritable", few(["2>/dev/full", "2>&-"], ("2>/dev/full",)))
@@ -133,6 +135,7 @@ def test_a_locale_without_letters(folder: Path, words: str) -> None:
     assert (out + err).isascii()
 
 
+@pytest.mark.slow
 @posix
 def test_names_in_a_locale_without_letters(folder: Path) -> None:
     (folder / "größe.py").write_text("def f(wi, wo):\n    raise ValueError('größer → kleiner')\n", encoding="utf-8")

@@ -250,7 +250,7 @@ def test_the_theorem_says_what_the_full_search_finds(name: str, monkeypatch: pyt
 FACETS = ["cook-torrance", "beckmann-smith", "beckmann-smith-correlated", "ggx"]
 
 
-@pytest.mark.parametrize("name", few(FACETS, ("cook-torrance", "ggx")))
+@pytest.mark.parametrize("name", few(FACETS, ("ggx",)))
 def test_masked_facets_are_never_above_one(name: str, monkeypatch: pytest.MonkeyPatch):
     family = catalog.entry(name).family
     short = supremum(PointwiseAlbedo(family))
