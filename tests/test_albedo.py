@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from selection import few
 
 from brdfcheck import Factor, Normalized, PerCosine, PhongExact, albedo
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
@@ -30,16 +29,16 @@ SAMPLES = [
     GGX(0.3),
     Normalized(Phong(20.0), PhongExact()),
 ]
+
+
 # One of each engine and form.
-FAST = ("Lambert-mirror", "GGX-smith-correlated")
-
-
 def kind(lobe):
     words = [getattr(lobe, name) for name in ("form", "masking") if hasattr(lobe, name)]
     return "-".join([type(lobe).__name__, *words, *(["unclamped"] if not getattr(lobe, "clamped", True) else [])])
 
 
-@pytest.mark.parametrize("lobe", few(SAMPLES, FAST, kind))
+@pytest.mark.slow
+@pytest.mark.parametrize("lobe", SAMPLES, ids=kind)
 def test_any_shape_and_vmap_is_the_loop(lobe):
     mu = jnp.asarray([[1.0, 0.6, 0.3], [0.1, 0.01, 0.0]])
     whole = albedo(lobe, mu)

@@ -538,7 +538,9 @@ MEMORY = """
     ("name", "effort", "said"),
     [
         ("outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
-        ("numpy_outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
+        pytest.param(
+            "numpy_outer_product", "normal", "UNDECIDED.*channels follows the number of directions", marks=pytest.mark.slow
+        ),
         pytest.param("numpy_pairs_within", "quick", "CONSERVES: albedo 0.628318", marks=pytest.mark.bench),
     ],
 )

@@ -84,7 +84,7 @@ def picture(path: Path) -> np.ndarray:
         pytest.param("mine.py:rendered", ("--returns", "brdf*cos"), marks=pytest.mark.slow),
         pytest.param("lobe.glsl:f", OPTIONS, marks=pytest.mark.slow),
         ("mine.py:paper", ("--set", "through=0.5")),
-        ("dielectric", ("--set", "eta=1.5")),
+        pytest.param("dielectric", ("--set", "eta=1.5"), marks=pytest.mark.slow),
     ],
 )
 def test_a_sphere_and_a_furnace_of_any_brdf(run: Run, files: Path, name: str, options: tuple[str, ...]) -> None:

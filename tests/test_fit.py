@@ -113,6 +113,7 @@ def test_every_result_conserves_and_touches_the_line(objective):
         assert fit.history[-1].peak == fit.peak
 
 
+@pytest.mark.slow
 def test_smallest_is_the_continuous_minimum():
     fit = fit_factor("schlick-mirror")
     n = np.sort(np.concatenate([spread(1, 1000, 20_001), fit.smallest_n * (1 + np.linspace(-1e-3, 1e-3, 2001))]))

@@ -128,6 +128,7 @@ def test_colours_are_taken_from_their_space(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_colours_are_white_but_for_those_that_are_off() -> None:
     held = load("materialx:standard_surface").held
     assert held["base_color"] == 1

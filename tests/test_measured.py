@@ -116,7 +116,7 @@ def test_nothing_is_reflected_from_below(paint: str, satin: str) -> None:
         pytest.param({}, id="isotropic"),
         pytest.param({"jacobian": False}, id="values", marks=pytest.mark.slow),
         pytest.param({"phi_i": np.linspace(-np.pi, np.pi, 25)}, id="anisotropic", marks=pytest.mark.slow),
-        pytest.param({"phi_i": np.linspace(0, np.pi / 2, 7)}, id="a quarter"),
+        pytest.param({"phi_i": np.linspace(0, np.pi / 2, 7)}, id="a quarter", marks=pytest.mark.slow),
     ],
 )
 def test_an_rgl_table_has_the_values_of_its_brdf(options: dict[str, Any], folder: Path) -> None:

@@ -452,11 +452,12 @@ def test_bad_words():
         certify(coated, n=(1, np.inf))
 
 
+@pytest.mark.slow
 def test_a_search_says_how_far_it_got():
     made = program(coated, n=(1, 20))
     box = Box(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 20.0]))
     seen: list[tuple[float, float]] = []
-    found = Search(Hemisphere(made, "mirror"), [box], [box], 2.0, lambda high, part: seen.append((high, part))).run()
+    found = Search(Hemisphere(made, "mirror"), [box], [box], 6.0, lambda high, part: seen.append((high, part))).run()
     assert found.point is None
     assert 1 < found.high < np.inf
     assert 0 <= found.proved < 1

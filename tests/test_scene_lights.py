@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import numpy_shader
 import pytest
-from selection import few
 
 from brdfcheck.brdf.microfacet import boundary_reflectance
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
@@ -100,7 +99,7 @@ def test_point_and_spot_follow_opengl():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.3, 1.57])
-@pytest.mark.parametrize("size", few([1e-12, 1.0, 1e12], (1.0,)))
+@pytest.mark.parametrize("size", [1e-12, 1.0, 1e12])
 def test_polygons_with_a_hole_a_notch_and_many_corners_are_polygons(turn, size):
     ring = np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 60, endpoint=False)])
     star = ring * np.where(np.arange(60) % 2, 1, 0.4)[:, None]
@@ -120,6 +119,7 @@ def test_polygons_with_a_hole_a_notch_and_many_corners_are_polygons(turn, size):
     assert float(found) == pytest.approx(float(whole.irradiance(ORIGIN, UP) - less.irradiance(ORIGIN, UP)), abs=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [1e-12, 1e12, 1e25])
 def test_lamps_at_any_distance_in_single_precision(distance):
     origin = Vector(*jnp.zeros(3, jnp.float32))

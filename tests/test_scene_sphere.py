@@ -243,6 +243,7 @@ def operations(material, lights, size=(64, 64)):
     return found
 
 
+@pytest.mark.slow
 def test_nothing_is_computed_that_the_scene_does_not_use():
     functions = ("exp", "log", "log1p", "pow", "atan2", "sqrt", "while", "scan")
 

@@ -132,6 +132,7 @@ def test_threads_change_nothing(monkeypatch, family, cores):
     assert together.evaluations == alone.evaluations
 
 
+@pytest.mark.slow
 def test_threads_keep_the_callers_precision(monkeypatch):
     monkeypatch.setattr(tables, "_LEAST", 1)
     monkeypatch.setattr(tables, "available_cores", lambda: range(2))
