@@ -87,6 +87,7 @@ def test_kuijk_and_blakes_albedo_is_convex_where_the_lemma_rests_on_boxes(wave, 
     assert wave * (10 * high + 650) / (50 * high + 317) < np.pi / 2
 
 
+@pytest.mark.slow
 def test_a_family_with_one_per_cent_to_spare():
     proof = certify(coated, seconds=600, n=(3, 5))
     assert proof

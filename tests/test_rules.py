@@ -280,7 +280,8 @@ def test_randomness_comes_from_the_key_alone(name):
     assert both.value[0] != both.value[1]
 
 
-@pytest.mark.parametrize("name", few([name for name, rule in RULES.items() if rule.random], ("cosine-monte-carlo", "sobol")))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, rule in RULES.items() if rule.random])
 def test_the_error_of_random_rules_is_their_standard_error(name):
     keys = jax.random.split(KEY, 400)
     for brdf, mu in ((BlinnPhong(10.0), 0.7), (CookTorrance(0.5), 0.4))[: 2 if name == "lobe-monte-carlo" else 1]:

@@ -348,6 +348,7 @@ def test_a_tall_peak_is_a_number(function: bool):
     assert found.unbounded is None
 
 
+@pytest.mark.slow
 def test_grazing_light_without_bound():
     found = largest(lambda: PerCosine(Phong(5.0)))
     assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)
@@ -357,6 +358,7 @@ def test_grazing_light_without_bound():
     assert found.parameters["k"] > 0
 
 
+@pytest.mark.slow
 def test_the_limit_at_grazing_incidence_is_the_supremum():
     # E = (1.02 - 0.1 mu^0.3) (1 - (k - 0.4)^2): 2e-4 above its value at a cosine of 1e-9.
     def build(k):
