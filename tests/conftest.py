@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 # Before anything of the package runs, and inherited by the processes that tests start.
 if "BRDFCHECK_CACHE" not in os.environ:
@@ -69,6 +70,15 @@ def pytest_collection_finish() -> None:
     """What is there by now stays: the collector of garbage need not go through it again and again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """A worker begins with whole files side by side, so that programs and fixtures of a file are made once; idle, it takes over
+    tests of another one. Another `--dist` than the usual one is kept."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
 
 
 @pytest.fixture(autouse=True)

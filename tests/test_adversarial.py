@@ -52,7 +52,7 @@ def unclear(case: Case, report: Report) -> bool:
 # for kinds that take long and have a like among the others: a cone, a lobe of the catalogue, a narrow parameter, a ridge, a
 # pole.
 DEAR = ("spot", "moving bump", "disc", "wedge", "retro lobe", "off-specular lobe", "two narrow parameters", "curved ridge")
-DEAR += ("narrow angle and parameter", "near pole")
+DEAR += ("narrow angle and parameter", "near pole", "many parameters", "grazing limit")
 # The first draws of these kinds are of numpy, which takes three times as long: another one runs every time.
 SEEDS = {"reciprocal cone": 2, "kink": 3}
 DRAWS = [

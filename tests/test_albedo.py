@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from selection import few
 
 from brdfcheck import Factor, Normalized, PerCosine, PhongExact, albedo
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
@@ -30,16 +29,16 @@ SAMPLES = [
     GGX(0.3),
     Normalized(Phong(20.0), PhongExact()),
 ]
+
+
 # One of each engine and form.
-FAST = ("Lambert-mirror", "KuijkBlake-mirror", "GGX-smith-correlated")
-
-
 def kind(lobe):
     words = [getattr(lobe, name) for name in ("form", "masking") if hasattr(lobe, name)]
     return "-".join([type(lobe).__name__, *words, *(["unclamped"] if not getattr(lobe, "clamped", True) else [])])
 
 
-@pytest.mark.parametrize("lobe", few(SAMPLES, FAST, kind))
+@pytest.mark.slow
+@pytest.mark.parametrize("lobe", SAMPLES, ids=kind)
 def test_any_shape_and_vmap_is_the_loop(lobe):
     mu = jnp.asarray([[1.0, 0.6, 0.3], [0.1, 0.01, 0.0]])
     whole = albedo(lobe, mu)
@@ -50,14 +49,16 @@ def test_any_shape_and_vmap_is_the_loop(lobe):
     np.testing.assert_allclose(mapped, loop, rtol=1e-13)
 
 
-@pytest.mark.parametrize("lobe", few([Phong(7.0), KuijkBlake(7.0), CookTorrance(0.5)], FAST, kind))
+@pytest.mark.slow
+@pytest.mark.parametrize("lobe", [Phong(7.0), KuijkBlake(7.0), CookTorrance(0.5)], ids=kind)
 def test_jit_is_eager(lobe):
     with jax.disable_jit():
         eager = albedo(lobe, 0.4).value
     np.testing.assert_allclose(albedo(lobe, 0.4).value, eager, rtol=1e-12)
 
 
-@pytest.mark.parametrize("lobe", few([lobe for lobe in SAMPLES if hasattr(lobe, "n")], FAST, kind))
+@pytest.mark.slow
+@pytest.mark.parametrize("lobe", [lobe for lobe in SAMPLES if hasattr(lobe, "n")], ids=kind)
 def test_derivatives_are_finite_and_right(lobe):
     value = jax.jit(lambda n, mu: albedo(eqx.tree_at(lambda leaf: leaf.n, lobe, n), mu).value)
     slopes = jax.jit(jax.grad(value, (0, 1)))
@@ -81,6 +82,7 @@ def test_every_lobe_has_finite_derivatives_in_both_directions(lobe):
     assert all(np.all(np.isfinite(gradient)) for gradient in gradients)
 
 
+@pytest.mark.slow
 def test_factors_scale_the_albedo():
     raw = albedo(Phong(5.0), 0.6)
     scaled = albedo(Normalized(Phong(5.0), Factor(2, 3)), 0.6)

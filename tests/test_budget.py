@@ -13,6 +13,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from selection import few
 
 import brdfcheck
 from brdfcheck import plots
@@ -181,7 +182,7 @@ def test_operations_are_counted_with_their_loops_and_prices():
 @pytest.mark.parametrize(
     "document",
     [
-        GLOSSY,
+        pytest.param(GLOSSY, marks=pytest.mark.slow),
         {"size": 20, "material": MATT, "lights": [PANEL], "room": {"reflectance": 0.5, "emission": 1}},
         {"size": 20, "material": GLOSSY["material"], "lights": [{"kind": "environment"}]},
     ],
@@ -224,8 +225,11 @@ def test_of_many_lights_not_every_number_is_tried_and_each_kind_is_traced_once(m
     assert [float(light.intensity[0]) for light in brightest] == pytest.approx([0.1 * 0.8**k for k in range(5)])
 
 
-@pytest.mark.parametrize("camera", [FAR, {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}])
-@pytest.mark.parametrize("shape", [{"geometry": {"kind": "icosphere", "level": 2}}, {}])
+ASIDE = {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}
+
+
+@pytest.mark.parametrize("camera", few([FAR, ASIDE], (FAR,)))
+@pytest.mark.parametrize("shape", few([{"geometry": {"kind": "icosphere", "level": 2}}, {}], ({},)))
 def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
     scene = scenes.parse_scene({**GLOSSY, "size": [40, 60], "camera": camera, "background": [0.1, 0.2, 0.3], **shape})
     window = next(knob for knob in knobs.knobs_of(scene) if knob.name == "window")
@@ -252,17 +256,23 @@ def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
     assert work_of(compiler, full) - work_of(compiler, part) >= 0.99 * outside * compiler.shading(full) > 0
 
 
+FACETS = {"size": 20, "geometry": {"kind": "icosphere", "level": 2}, **{key: GLOSSY[key] for key in ("material", "lights")}}
+
+
 @pytest.mark.parametrize(
     ("document", "choices"),
     [
         (GLOSSY, [{}, {"precision": "float32", "light": "distant"}, {"lobe": "Lyon w=2, exact factor"}]),
-        (
+        pytest.param(
             {"size": 20, "material": MATT, "lights": [PANEL], "room": ROOM},
             [{}, {"bounces": "2", "precision": "float32"}, {"cells": "2 x 2"}],
+            marks=pytest.mark.slow,
         ),
-        (
-            {"size": 20, "geometry": {"kind": "icosphere", "level": 2}, **{key: GLOSSY[key] for key in ("material", "lights")}},
-            [{}, {"facets": "the sphere itself"}, *({"facets": f"80 faces, {name}"} for name in ("flat", "Gouraud", "Phong"))],
+        (FACETS, [{}, {"facets": "80 faces, flat"}]),
+        pytest.param(
+            FACETS,
+            [{}, {"facets": "the sphere itself"}, *({"facets": f"80 faces, {name}"} for name in ("Gouraud", "Phong"))],
+            marks=pytest.mark.slow,
         ),
         ({"size": 20, "material": {"kind": "translucent", "base": 0.5}, "lights": [DISTANT]}, [{}, {"lobe": "Schlick"}]),
     ],
@@ -444,7 +454,13 @@ def test_metal_as_a_power_agrees_at_the_highlight():
     assert math.cos(angle) ** 46 == pytest.approx(facets, abs=1e-9)
 
 
-@pytest.mark.parametrize("model", [Highlight((0.3, 0.5, 0.8), n=14.0), Translucent((0.3, 0.5, 0.8), behind=0.4, n=14.0)])
+@pytest.mark.parametrize(
+    "model",
+    [
+        pytest.param(Highlight((0.3, 0.5, 0.8), n=14.0), marks=pytest.mark.slow),
+        Translucent((0.3, 0.5, 0.8), behind=0.4, n=14.0),
+    ],
+)
 def test_painted_lobes_are_the_model_with_another_profile(model):
 
     lights, size = [Distant((1, 1, 1), 0.9), Distant((-1, 0, 1), 0.4)], (40, 40)
@@ -561,6 +577,7 @@ def test_what_is_looked_up_tends_to_the_surrounding_as_entries_grow():
     assert many < few / 100
 
 
+@pytest.mark.slow
 def test_lights_that_do_not_matter_are_left_out():
     weak = [{**DISTANT, "direction": [1, k, 2], "intensity": 1e-6} for k in range(4)]
     scene = {"size": 16, "material": MATT, "lights": [*weak[:2], DISTANT, *weak[2:], {"kind": "ambient", "intensity": 0.2}]}
@@ -758,6 +775,7 @@ def test_tolerances():
 # --- what is made of it ---
 
 
+@pytest.mark.slow
 def test_the_public_function_works_in_single_precision_too():
     with jax.enable_x64(False):
         found = brdfcheck.budget({**GLOSSY, "size": 8, "material": MATT, "lights": [DISTANT]}, 0.5)

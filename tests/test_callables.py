@@ -426,7 +426,12 @@ def test_held_parameters_are_numbers_and_swept_ones_are_not():
 
 
 @pytest.mark.parametrize(
-    "build", [lambda n: Phong(n), lambda n: GGX(1 / n), lambda n: lambda wi, wo: GGX(1 / n)(wi, wo)], ids=["1", "2", "3"]
+    "build",
+    [
+        pytest.param(lambda n: Phong(n), id="1", marks=pytest.mark.slow),
+        pytest.param(lambda n: GGX(1 / n), id="2", marks=pytest.mark.slow),
+        pytest.param(lambda n: lambda wi, wo: GGX(1 / n)(wi, wo), id="3"),
+    ],
 )
 def test_the_estimates_of_all_levels_are_near_the_albedo(build):
     albedo = PointwiseAlbedo(Family("levels", build, {"n": (1.5, 20.0)}))

@@ -317,7 +317,10 @@ def test_the_cosine_of_a_lobe_and_of_what_has_been_read():
             as_target(value, reading=Reading(returns="brdf*cos"))
 
 
-@pytest.mark.parametrize(("index", "advice"), [(0, 'or say --returns "brdf*cos"'), (1, "call the arguments (view, light)")])
+@pytest.mark.parametrize(
+    ("index", "advice"),
+    [pytest.param(0, 'or say --returns "brdf*cos"', marks=pytest.mark.slow), (1, "call the arguments (view, light)")],
+)
 def test_a_finding_names_the_option_where_the_cosine_is_in_it(index, advice):
     def rendered(wi, wo):
         return 0.3 * (wi, wo)[index][..., 2]

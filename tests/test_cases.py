@@ -50,6 +50,7 @@ class Case:
     `albedo` is known to +- `accuracy`, and the error bar must hold it; GROWS: without bound, None: not looked at. `error`: the
     largest error bar that is still useful. `place`: parameters, "cos" and "azimuth" (degrees), with their accuracies. `found`:
     expressions that must occur in findings, a finding each; any other finding is wrong. `channel`: which one, of how many.
+    `part`: "slow" or "bench" where it does not run every time.
     """
 
     name: str
@@ -66,7 +67,7 @@ class Case:
     above: tuple[float, float] | None = None
     channel: tuple[int | None, int] = (None, 1)
     effort: str = "normal"
-    slow: bool = False
+    part: str = ""
 
 
 N = {"n": (1.0, 1000.0)}
@@ -87,7 +88,7 @@ SOUND_IN_EXACT_ARITHMETIC = [
         error=1e-5,
         place={"cos": (1.0, 1e-3)},
         anisotropic=True,
-        slow=True,
+        part="bench",
     ),
     Case(
         "ashikhmin-shirley",
@@ -98,7 +99,7 @@ SOUND_IN_EXACT_ARITHMETIC = [
         error=1e-5,
         place={"nv": (1000.0, 1e-6), "cos": (1.0, 1e-3)},
         anisotropic=True,
-        slow=True,
+        part="bench",
     ),
     Case("ashikhmin's blend", cases.ashikhmin_blend, CONSERVES, 0.9650759236866653, place={"cos": (1.0, 1e-6)}),
     Case(
@@ -110,7 +111,7 @@ SOUND_IN_EXACT_ARITHMETIC = [
         accuracy=1e-3,
         error=0.01,
         place={"roughness": (0.05, 1e-3)},
-        slow=True,
+        part="bench",
     ),
     Case("numpy, writes over wo", cases.numpy_overwrites_wo, CONSERVES, 0.6, place={"cos": (1.0, 1e-6)}),
     Case("numpy, writes over wi", cases.numpy_overwrites_wi, CONSERVES, 0.6, place={"cos": (1.0, 1e-6)}),
@@ -140,7 +141,7 @@ NARROW = [
         1.0010243492,
         {"clearcoat": (1.0, 1.0), "coat_roughness": (0.2, 0.4), "roughness": (0.05, 0.05)},
         place={"coat_roughness": (0.2990, 1e-4), "cos": (0.60473, 1e-4)},
-        slow=True,
+        part="bench",
     ),
     Case(
         "clear coat",
@@ -149,7 +150,7 @@ NARROW = [
         1.0010243492,
         {"clearcoat": (0.0, 1.0), "coat_roughness": (0.05, 1.0), "roughness": (0.05, 1.0)},
         place={"clearcoat": (1, 1e-4), "coat_roughness": (0.2990, 1e-4), "roughness": (0.05, 1e-4), "cos": (0.60473, 1e-4)},
-        slow=True,
+        part="bench",
     ),
     Case(
         "bump",
@@ -167,7 +168,7 @@ NARROW = [
         1.3029720327568846,
         error=1e-4,
         place={"cos": (math.cos(math.radians(14.0076)), 1e-3)},
-        slow=True,
+        part="bench",
     ),
 ]
 
@@ -180,6 +181,7 @@ HELD = [
         1.0016005217,
         {**N, "ks": (0.0, 1.0), "f90": (0.0, 1.0), "dull": (0.0, 1.0)},
         place={**AT_THE_PEAK, "ks": (1, 1e-6), "f90": (0, 1e-6), "dull": (0, 1e-6)},
+        part="slow",
     ),
     Case(
         "brushed",
@@ -190,7 +192,7 @@ HELD = [
         accuracy=1e-7,
         place={"weight": (1, 1e-6), "f0": (1, 1e-6), "cos": (0, 1e-6)},  # of ax and ay either is 1, the other 0.01
         anisotropic=True,
-        slow=True,
+        part="bench",
     ),
     Case(
         "tinted metal",
@@ -199,7 +201,7 @@ HELD = [
         1.0,
         {"specular_weight": (0.0, 1.0), "f0": (0.0, 1.0), "tint": (0.0, 1.0), "alpha": (0.05, 1.0)},
         found=("negative: the smallest value seen is -.*specular_weight=.*" + A_PLACE,),
-        slow=True,
+        part="bench",
     ),
     Case(
         "tinted metal in the dark",
@@ -208,7 +210,7 @@ HELD = [
         1.0,
         {"f0": (0.0, 1.0), "tint": (0.0, 1.0), "alpha": (0.05, 1.0)},
         found=("negative: the smallest value seen is -.*f0=.*" + A_PLACE,),
-        slow=True,
+        part="bench",
     ),
     Case(
         "dark tinted metal, one",
@@ -227,7 +229,7 @@ HELD = [
         error=1e-4,
         place={"ks": (1, 1e-6), "u": (0.01, 1e-6), "v": (0.01, 1e-6), "cos": (0, 1e-6)},
         anisotropic=True,
-        slow=True,
+        part="bench",
     ),
 ]
 
@@ -248,9 +250,9 @@ GRAZING = [
         accuracy=1e-7,
         error=1e-2,
         place=AT_THE_HORIZON,
-        slow=True,
+        part="bench",
     ),
-    Case("logarithm", cases.grazing_logarithm, VIOLATES, 1.004, {"s": (0.5, 1.0)}, accuracy=1e-6, error=3e-3),
+    Case("logarithm", cases.grazing_logarithm, VIOLATES, 1.004, {"s": (0.5, 1.0)}, accuracy=1e-6, error=3e-3, part="slow"),
     Case("inverse square", cases.inverse_square_cosines, VIOLATES, GROWS, text="grows without bound|infinite"),
     Case(
         "ward",
@@ -261,7 +263,7 @@ GRAZING = [
         place=AT_THE_HORIZON,
         text="grows without bound",
         anisotropic=True,
-        slow=True,
+        part="bench",
     ),
     Case(
         "ward, held",
@@ -286,15 +288,29 @@ GRAZING = [
 
 BATCHES = [
     Case("norm", cases.norm_of_the_batch, VIOLATES, 560.02734375 / 528, found=(f"{BATCH}.*axis=-1",)),
-    Case("norm, meant", cases.norm_of_each, VIOLATES, 560.02734375 / 528),
+    Case("norm, meant", cases.norm_of_each, VIOLATES, 560.02734375 / 528, part="slow"),
     Case("norm, numpy", cases.numpy_norm_of_the_batch, (UNDECIDED, VIOLATES), None, found=(f"{BATCH}.*axis=-1",)),
-    Case("largest", cases.largest_of_the_batch, (UNDECIDED, VIOLATES), None, found=(f"{BATCH}.*(maximum|largest)", NAN)),
+    Case(
+        "largest",
+        cases.largest_of_the_batch,
+        (UNDECIDED, VIOLATES),
+        None,
+        found=(f"{BATCH}.*(maximum|largest)", NAN),
+        part="slow",
+    ),
     Case(
         "largest, numpy", cases.numpy_largest_of_the_batch, (UNDECIDED, VIOLATES), None, found=(f"{BATCH}.*(maximum|largest)",)
     ),
     Case("running mean", cases.running_mean, (UNDECIDED, CONSERVES), None, found=(f"{BATCH}|order",)),
     Case("running mean, numpy", cases.numpy_running_mean, (UNDECIDED, CONSERVES), None, found=(f"{BATCH}|order",)),
-    Case("number", cases.divided_by_their_number, CONSERVES, 0.9, found=(f"{BATCH}.*(number of directions|len|mean)",)),
+    Case(
+        "number",
+        cases.divided_by_their_number,
+        CONSERVES,
+        0.9,
+        found=(f"{BATCH}.*(number of directions|len|mean)",),
+        part="slow",
+    ),
     Case(
         "number, numpy",
         cases.numpy_divided_by_their_number,
@@ -328,16 +344,23 @@ NOT_FINITE = [
         place={"cos": (1.0, 1e-6), "scale": (1.2, 1e-6)},
         found=(f"{NAN}.*scale=.*{A_PLACE}",),
     ),
-    Case("0/0 at the normal", cases.zero_by_zero_at_the_normal, CONSERVES, 0.5, found=(rf"{NAN}.*wi=\(0, 0, 1\), wo=\(",)),
-    Case("infinite at the mirror", cases.infinite_at_the_mirror, CONSERVES, 0.4, found=(f"[Ii]nf.*{A_PLACE}",)),
-    Case("glows but for the mirror", cases.glows_but_for_the_mirror, VIOLATES, 1.3, found=(f"{NAN}.*{A_PLACE}",)),
+    Case(
+        "0/0 at the normal",
+        cases.zero_by_zero_at_the_normal,
+        CONSERVES,
+        0.5,
+        found=(rf"{NAN}.*wi=\(0, 0, 1\), wo=\(",),
+        part="slow",
+    ),
+    Case("infinite at the mirror", cases.infinite_at_the_mirror, CONSERVES, 0.4, found=(f"[Ii]nf.*{A_PLACE}",), part="slow"),
+    Case("glows but for the mirror", cases.glows_but_for_the_mirror, VIOLATES, 1.3, found=(f"{NAN}.*{A_PLACE}",), part="slow"),
     Case("negative", cases.negative_throughout, UNDECIDED, -0.1 * math.pi, found=(r"negative.*-0\.1 / sr.*" + A_PLACE,)),
 ]
 
 SIZES = [
     Case("to 1e308", cases.fades_in, CONSERVES, 0.9, {"n": (1.0, 1e308)}),
-    Case("both signs to 1e308", cases.hill, VIOLATES, 1.05, {"x": (-1e308, 1e308)}, place={"x": (1.3e307, 1e305)}),
-    Case("down to 1e-308", cases.tiny, CONSERVES, 0.7, {"a": (1e-308, 1e-300)}),
+    Case("both signs to 1e308", cases.hill, VIOLATES, 1.05, {"x": (-1e308, 1e308)}, place={"x": (1.3e307, 1e305)}, part="slow"),
+    Case("down to 1e-308", cases.tiny, CONSERVES, 0.7, {"a": (1e-308, 1e-300)}, part="slow"),
     Case(
         "an exponent to 1e308",
         lambda n: Normalized(BinomialPower(n), Factor(6.0, 24.55)),
@@ -346,6 +369,7 @@ SIZES = [
         {"n": (1.0, 1e308)},
         place=AT_THE_PEAK,
         above=(14.303, 23.056),
+        part="slow",
     ),
 ]
 
@@ -354,14 +378,14 @@ SIGNATURES = [
     Case("three arguments, held", cases.three_arguments, CONSERVES, 0.054, {"n": (3.0, 3.0)}, place={"n": (3.0, 0.0)}),
     Case("three arguments, bad", cases.three_arguments_bad, VIOLATES, 1.02, {"n": (1.0, 50.0)}, above=(50 / 1.02, 50.0)),
     Case("a default", cases.three_arguments_default, CONSERVES, 0.09),
-    Case("a default over a range", cases.three_arguments_default, CONSERVES, 0.9, {"n": (1.0, 50.0)}),
-    Case("on the line", cases.normalised_phong, (CONSERVES, UNDECIDED), 1.0, {"n": (1.0, 200.0)}, error=1e-8),
+    Case("a default over a range", cases.three_arguments_default, CONSERVES, 0.9, {"n": (1.0, 50.0)}, part="slow"),
+    Case("on the line", cases.normalised_phong, (CONSERVES, UNDECIDED), 1.0, {"n": (1.0, 200.0)}, error=1e-8, part="slow"),
 ]
 
 RESULTS = [
     Case("one number, numpy", cases.numpy_one_number, CONSERVES, 0.2 * math.pi),
-    Case("one number", cases.one_number, CONSERVES, 0.2 * math.pi),
-    Case("a list", cases.numpy_list, CONSERVES, 0.2 * math.pi, slow=True),
+    Case("one number", cases.one_number, CONSERVES, 0.2 * math.pi, part="slow"),
+    Case("a list", cases.numpy_list, CONSERVES, 0.2 * math.pi, part="bench"),
     Case("time differences", cases.numpy_time_differences, UNDECIDED, math.nan, found=("timedelta64.*not numbers",)),
     Case("dates", cases.numpy_dates, UNDECIDED, math.nan, found=("datetime64.*not numbers",)),
     Case("complex, numpy", cases.numpy_complex, UNDECIDED, math.nan, found=("complex",)),
@@ -383,9 +407,10 @@ CHANNELS = [
         text="channel=blue",
         above=(14.303, 23.056),
         channel=(2, 3),
+        part="slow",
     ),
-    Case("red, numpy", cases.numpy_red_glows, VIOLATES, 1.1, text="channel=red", channel=(0, 3)),
-    Case("the fourth", cases.four_channels, VIOLATES, 1.25, text="channel=3", channel=(3, 4)),
+    Case("red, numpy", cases.numpy_red_glows, VIOLATES, 1.1, text="channel=red", channel=(0, 3), part="slow"),
+    Case("the fourth", cases.four_channels, VIOLATES, 1.25, text="channel=3", channel=(3, 4), part="slow"),
 ]
 
 # Where the search is not what is tested, it need not look long.
@@ -410,7 +435,11 @@ def right_albedo(case: Case, report: Report) -> bool:
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, id=case.name.replace(" ", "-"), marks=[pytest.mark.bench] * case.slow) for case in ALL]
+    "case",
+    [
+        pytest.param(case, id=case.name.replace(" ", "-"), marks=[getattr(pytest.mark, case.part)] if case.part else [])
+        for case in ALL
+    ],
 )
 def test_case(case: Case) -> None:
     report = check(case.target, effort=case.effort, intervals=case.above is not None, **case.ranges)
@@ -509,7 +538,9 @@ MEMORY = """
     ("name", "effort", "said"),
     [
         ("outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
-        ("numpy_outer_product", "normal", "UNDECIDED.*channels follows the number of directions"),
+        pytest.param(
+            "numpy_outer_product", "normal", "UNDECIDED.*channels follows the number of directions", marks=pytest.mark.slow
+        ),
         pytest.param("numpy_pairs_within", "quick", "CONSERVES: albedo 0.628318", marks=pytest.mark.bench),
     ],
 )
@@ -671,11 +702,18 @@ COSINE = "without the cosine of the rendering equation"
         ("by_angles --effort quick", ExitCode.PASSED, r"CONSERVES"),
         ("pairs_of_angles", ExitCode.FAILED, r"to unpack.*index the last axis"),
         ("unpacked --effort quick", ExitCode.PASSED, r"CONSERVES(.|\n)*takes one pair of directions: called through jax\.vmap"),
-        ("indexed --effort quick", ExitCode.PASSED, r"CONSERVES(.|\n)*takes one pair of directions: called through jax\.vmap"),
+        pytest.param(
+            "indexed --effort quick",
+            ExitCode.PASSED,
+            r"CONSERVES(.|\n)*takes one pair of directions: called through jax\.vmap",
+            marks=pytest.mark.slow,
+        ),
         ("stepped --effort quick --rtol 1e-4", ExitCode.FAILED, r"finding: .*not reciprocal"),
         ("lambert_cos --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*0.31831 (.|\n)*{COSINE}"),
         ("lambert_incident --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*{COSINE}"),
-        ("phong_cos --over n=1:100 --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*{COSINE}"),
+        pytest.param(
+            "phong_cos --over n=1:100 --effort quick", ExitCode.FAILED, f"CONSERVES(.|\n)*{COSINE}", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_what_ports_are_told(

@@ -80,11 +80,11 @@ def picture(path: Path) -> np.ndarray:
     ("name", "options"),
     [
         ("mine.py:pair", ("--set", "n=5")),
-        ("mine.py:Matt", ("--set", "k=0.5")),
-        ("mine.py:rendered", ("--returns", "brdf*cos")),
-        ("lobe.glsl:f", OPTIONS),
+        pytest.param("mine.py:Matt", ("--set", "k=0.5"), marks=pytest.mark.slow),
+        pytest.param("mine.py:rendered", ("--returns", "brdf*cos"), marks=pytest.mark.slow),
+        pytest.param("lobe.glsl:f", OPTIONS, marks=pytest.mark.slow),
         ("mine.py:paper", ("--set", "through=0.5")),
-        ("dielectric", ("--set", "eta=1.5")),
+        pytest.param("dielectric", ("--set", "eta=1.5"), marks=pytest.mark.slow),
     ],
 )
 def test_a_sphere_and_a_furnace_of_any_brdf(run: Run, files: Path, name: str, options: tuple[str, ...]) -> None:

@@ -39,6 +39,10 @@ SHORTER = {
 LONG = (
     "render furnace", "budget scene.toml", "fit gold-paint", "plot albedo-vs-angle gold-paint", "check material_rgb",
     "fit binomial-power-half --ladder",  # test_cli_fit has another lobe's
+    # Like others on the page, or like what the tests of tables, of measured files and of pages run.
+    "table ggx --over roughness=0.1:1 --size 16x16 -o dfg.glsl", "check gold-paint", "check glossy.brdf --effort quick",
+    "check --config gate.toml -k lobe", "check lobe.glsl:shade --over n=1:50", "check mine.py:glossy --over n=1:200 --html",
+    "check 'mine.py:*'", "check mine.py:glossy --over n=1,10,100", "fit ggx", "table ggx --over roughness=0:1",
 )  # fmt: skip
 ELSEWHERE = ("--scheduler",)
 
@@ -110,7 +114,10 @@ def test_a_command_runs(command: str, here: Path, capsys: pytest.CaptureFixture[
     assert code == ExitCode.PASSED, "".join(capsys.readouterr())
 
 
-@pytest.mark.parametrize(("page", "text"), programs())
+@pytest.mark.parametrize(
+    ("page", "text"),
+    [pytest.param(page, text, marks=[pytest.mark.slow] if page == "studies.md" else []) for page, text in programs()],
+)
 def test_python_runs(page: str, text: str, here: Path) -> None:
     if "open_zarr" in text:
         config = (here / "config.toml").read_text().replace("20]", "4]").replace("90]", "3]")

@@ -77,7 +77,7 @@ KINDS: dict[str, tuple[str, dict[str, float], float | None, str, bool]] = {
     "loop": ("mine.py:loop", {"k": 0.5}, OUR, "", True),
     "object": ("mine.py:Matt", {"k": 0.5}, OUR, "", True),
     "bsdf": ("mine.py:paper", {"k": 0.25, "below": 1}, 1, "", False),
-    "brdf": ("a.brdf", {"k": 0.5, "half_": 0}, OUR, "", False),
+    "brdf": ("a.brdf", {"k": 0.5, "half_": 0}, OUR, "", True),
     "glsl": ("a.glsl:shade", {"k": 0.5}, OUR, "", True),
     "hlsl": ("a.hlsl:shade", {"k": 0.5}, OUR, "", True),
     "slang": ("a.slang:Matt.eval", {"this.k": 0.5}, OUR, "", True),

@@ -30,7 +30,7 @@ LOBES = {
 N = np.array([0.0, 0.01, 0.25, 0.251, 1.0, 2.0, 3.999, 4.001, 7.9, 16.0, 16.001, 54.62, 54.64, 100.0, 1e3, 1e5, 1e7])
 
 
-@pytest.mark.parametrize("name", few(LOBES, ("kuijk-blake-mirror", "binomial-16-half")))
+@pytest.mark.parametrize("name", few(LOBES, ("kuijk-blake-mirror",)))
 def test_normal_incidence_reflects_one(name):
     lobe = LOBES[name]
     factor = exact_factor(lobe(1.0))
@@ -39,7 +39,7 @@ def test_normal_incidence_reflects_one(name):
     np.testing.assert_allclose(np.asarray(factor(jnp.asarray(N))) * raw, 1, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", LOBES)
+@pytest.mark.parametrize("name", few(LOBES, ("blinn-phong", "schlick-half")))
 def test_single_precision_keeps_its_digits(name):
     factor = exact_factor(LOBES[name](1.0))
     n = np.concatenate([np.geomspace(0.01, 10, 300), np.geomspace(10, 1e4 if "unclamped" not in name else 100, 300)])
@@ -47,7 +47,7 @@ def test_single_precision_keeps_its_digits(name):
     np.testing.assert_allclose(narrow, wide, rtol=4e-6)
 
 
-@pytest.mark.parametrize("name", LOBES)
+@pytest.mark.parametrize("name", few(LOBES, ("kuijk-blake-mirror", "blinn-phong")))
 def test_gradients_are_finite(name):
     factor = exact_factor(LOBES[name](1.0))
     slope = jax.vmap(jax.grad(lambda n: factor(n)))(jnp.asarray(N[1:]))

@@ -40,8 +40,8 @@ LOBES = [
     "binomial-power-mirror",
 ]
 
-# One of each lobe, in both forms where it has two.
-FAST = ("schlick-half", "kuijk-blake-mirror", "lyon-2-half", "binomial-power-half")
+# One of either form.
+FAST = ("kuijk-blake-mirror", "binomial-power-half")
 
 
 @functools.cache
@@ -97,7 +97,7 @@ def test_the_published_optima():
         assert fit.n == (1, 1000)
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("objective", few(OBJECTIVES, ("minimax",)))
 def test_every_result_conserves_and_touches_the_line(objective):
     for target in ("schlick-half", BlinnPhong):
         fit = fit_factor(target, (1, 500), objective)
@@ -113,6 +113,7 @@ def test_every_result_conserves_and_touches_the_line(objective):
         assert fit.history[-1].peak == fit.peak
 
 
+@pytest.mark.slow
 def test_smallest_is_the_continuous_minimum():
     fit = fit_factor("schlick-mirror")
     n = np.sort(np.concatenate([spread(1, 1000, 20_001), fit.smallest_n * (1 + np.linspace(-1e-3, 1e-3, 2001))]))
@@ -129,7 +130,7 @@ def test_the_smallest_of_equals_is_at_the_smallest_exponent():
     assert ends == pytest.approx([fit.smallest] * 2, rel=1e-11)
 
 
-@pytest.mark.parametrize("objective", ["least-squares", "reciprocal"])
+@pytest.mark.parametrize("objective", few(["least-squares", "reciprocal"], ("least-squares",)))
 def test_least_squares_against_the_normal_equations(objective):
     n = np.arange(1.0, 301.0)
     raw = 8 * np.pi * (2 ** (-n / 2) + n) / ((n + 2) * (n + 4))
@@ -182,6 +183,7 @@ def test_waste_is_said_and_explained():
     assert not fit_factor("schlick-mirror", (1, 30)).remark
 
 
+@pytest.mark.slow
 def test_a_lobe_that_explodes_still_gets_a_conserving_factor():
     fit = fit_factor("binomial-power-unclamped")
     assert fit.verdict is Verdict.CONSERVES
@@ -190,7 +192,9 @@ def test_a_lobe_that_explodes_still_gets_a_conserving_factor():
 
 
 @pytest.mark.parametrize("high", few([1e10, 1e12], (1e12,)))
-@pytest.mark.parametrize("name", ["phong", "blinn-phong", "lyon-1-mirror", "binomial-power-half"])
+@pytest.mark.parametrize(
+    "name", few(["phong", "blinn-phong", "lyon-1-mirror", "binomial-power-half"], ("phong", "lyon-1-mirror"))
+)
 def test_ranges_of_many_decades(name, high):
     """A line is level where n times the raw albedo is, however many decades the raw albedo spans."""
     _, _, smallest = optimum(name, 1.0, 1e5)
@@ -201,8 +205,8 @@ def test_ranges_of_many_decades(name, high):
     assert not fit.remark
 
 
-@pytest.mark.parametrize("width", few([0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-3], (0.0, 1e-12, 1e-6)))
-@pytest.mark.parametrize("name", few(["phong", "schlick-half", "binomial-power-half"], ("phong", "schlick-half")))
+@pytest.mark.parametrize("width", few([0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-3], (0.0, 1e-12)))
+@pytest.mark.parametrize("name", few(["phong", "schlick-half", "binomial-power-half"], ("schlick-half",)))
 def test_narrow_ranges(name, width):
     for low in (10.0, 1000.0, 1e5):
         fit = fit_factor(name, (low, low * (1 + width)))
@@ -212,6 +216,7 @@ def test_narrow_ranges(name, width):
         assert fit.verdict is Verdict.CONSERVES
 
 
+@pytest.mark.slow
 def test_the_best_line_falls_where_the_raw_albedo_rises():
     """Independent of the program: A is tried on a fine grid, B follows from the largest albedo over all angles."""
     fit = fit_factor("binomial-power-unclamped", (100, 130))

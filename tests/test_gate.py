@@ -176,6 +176,7 @@ def test_a_list_of_values_and_a_whole_file(run: Run, write: Write, here: Path) -
     assert "only Python files are taken whole" in run("check", "none.glsl:*")[2]
 
 
+@pytest.mark.slow
 def test_a_list_for_a_vector_is_its_components(run: Run, write: Write, here: Path) -> None:
     write("flat.glsl", "uniform vec3 ks; uniform float n;\nvec3 f(vec3 L, vec3 V) { return ks * n / 3.141592653589793; }\n")
     words = ("--over", "ks=0.3,0.2,0.1", "--over", "n=1,2", "--effort", "quick", "--json", "found.json")
@@ -300,6 +301,7 @@ def test_a_stale_entry_is_a_warning_on_github(run: Run, write: Write, monkeypatc
     assert "::warning file=brdfcheck.toml,line=1,title=brdfcheck%3A mine.py%3Abright::the known violation is smaller" in out
 
 
+@pytest.mark.slow
 def test_code_hosts_get_a_place_for_every_subject_as_seen_from_the_repository(
     run: Run, write: Write, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

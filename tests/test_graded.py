@@ -60,6 +60,7 @@ def test_it_converges_for_microfacets_of_any_roughness():
         assert errors[2] < bound, (alpha, errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1.0, 100.0, 1e4, 1e6])
 def test_it_resolves_lobes_down_to_its_scale(n: float):
     mu = np.array([1.0, 0.7, 0.3, 0.05])

@@ -241,6 +241,7 @@ def test_a_browser_is_opened_where_there_is_a_display(monkeypatch: pytest.Monkey
     assert has_display()
 
 
+@pytest.mark.slow
 def test_sweep_writes_a_page(run: Any, here: Path) -> None:
     (here / "config.toml").write_text(
         'brdf = ["phong-pdf", "binomial-power-published"]\n[axes]\nn = { geomspace = [1, 1000, 60] }\n'
@@ -347,6 +348,7 @@ def test_the_script(published: Slices, text: str, tmp_path: Path) -> None:
     assert {"0\u00b0", "45\u00b0", "90\u00b0", "1000"} <= set(found["texts"])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(NODE is None, reason="node is not installed: the script of a page is not run")
 def test_the_script_with_channels_and_parameters_that_stand_still(tmp_path: Path) -> None:
     def axis(name: str, values: list[float], at: int) -> Axis:

@@ -160,6 +160,7 @@ def test_a_product_rule_breaks_on_needles():
     assert found[rows[8.0], column] == Outcome.HOLDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rule", "setting"), [("cosine-monte-carlo", 4096), ("midpoint-product", 32), ("sobol", 4096)])
 def test_rules_that_know_nothing_of_the_lobe_fail_on_needles(rule, setting):
     _, found = outcomes_of(RULES[rule](setting), "blinn")

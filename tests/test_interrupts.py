@@ -151,7 +151,7 @@ def nothing_half_written(folder: Path) -> None:
         (MODULE, "plot", 0.2, False),
         (SCRIPT, "fit", 0.3, True),
         (MODULE, "sweep", 0.6, False),
-        (MODULE, "audit", 1.2, False),
+        pytest.param(MODULE, "audit", 1.2, False, marks=pytest.mark.slow),
         (SCRIPT, "studies", 1.6, False),
     ],
     ids=lambda part: part if isinstance(part, (str, float)) else "",
@@ -221,7 +221,7 @@ hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
 }
 
 
-@pytest.mark.parametrize("what", BUSY)
+@pytest.mark.parametrize("what", few(BUSY, ("a destructor", "native code")))
 @pytest.mark.parametrize("module", few(["typer", "mine"], ("mine",)))
 def test_while_something_deaf_runs(start: Callable, tmp_path: Path, what: str, module: str) -> None:
     """In a module that the command line needs itself, and in a user's file."""
@@ -321,7 +321,7 @@ def test_nobody_reads_the_line(start: Callable, tmp_path: Path) -> None:
     assert time.monotonic() - began < LIMIT
 
 
-@pytest.mark.parametrize("twice", [False, True])
+@pytest.mark.parametrize("twice", few([False, True], (False,)))
 def test_no_study_is_left_nor_what_it_started(start: Callable, tmp_path: Path, twice: bool) -> None:
     studies = tmp_path / "studies"
     studies.mkdir()

@@ -49,6 +49,7 @@ def test_operations_are_counted_as_by_hand():
     assert operations(BlinnPhongExact()) == 9  # two sums, product, exp2 of a quotient of a sign, sum, product, quotient
 
 
+@pytest.mark.slow
 def test_cost_is_measured():
     cheap, dear = cost(lambda n: n), cost(lambda n: jnp.sin(n) + jnp.cos(2 * n) + jnp.arctan2(n, 3.0))
     assert 0 < cheap < dear < 1000

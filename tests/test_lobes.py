@@ -59,7 +59,7 @@ FORMULAS: dict[str, tuple[Callable, str, Callable]] = {
     ),
 }
 # One of each lobe.
-FAST = ("phong", "kuijk-blake-half", "lyon-2-mirror", "unclamped")
+FAST = ("phong", "lyon-2-mirror", "unclamped")
 CLAMPED = [name for name in FORMULAS if "unclamped" not in name]
 
 
@@ -102,7 +102,7 @@ def test_values_are_the_formula(name: str, n: float) -> None:
     np.testing.assert_allclose(found[inside], expected[inside], rtol=1e-10, atol=slack)
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("name", few(FORMULAS, FAST))
 def test_peak_is_one_and_nothing_lies_below_the_horizon(name: str) -> None:
     build, form, _ = FORMULAS[name]
     lobe = build(30.0)
@@ -309,10 +309,10 @@ ALL: dict[str, Callable] = {
 
 
 @eqx.filter_jit
-def _both_ways(n: jax.Array, wi: jax.Array, wo: jax.Array) -> dict[str, jax.Array]:
-    """Of each lobe f(wi, wo) and f(wo, wi)."""
+def _both_ways(names: tuple[str, ...], n: jax.Array, wi: jax.Array, wo: jax.Array) -> dict[str, jax.Array]:
+    """Of each of these lobes f(wi, wo) and f(wo, wi)."""
     there, back = jnp.stack([wi, wo]), jnp.stack([wo, wi])
-    return {name: build(n)(there, back) for name, build in ALL.items()}
+    return {name: ALL[name](n)(there, back) for name in names}
 
 
 exponents = st.floats(-2, 7).map(lambda x: 10.0**x)
@@ -336,12 +336,16 @@ def unit(cosine: float, azimuth: float) -> np.ndarray:
 UNSHRUNK = settings(phases=[Phase.explicit, Phase.generate])
 
 
+PARTS = {f"{place + 1} of 4": tuple(ALL)[place::4] for place in range(4)}
+
+
+@pytest.mark.parametrize("part", few(PARTS, ("1 of 4",)))
 @UNSHRUNK
 @given(exponents, st.lists(st.tuples(cosines, cosines, azimuths), min_size=8, max_size=8))
-def test_reciprocal_positive_and_finite(n: float, pairs: list[tuple[float, float, float]]) -> None:
+def test_reciprocal_positive_and_finite(part: str, n: float, pairs: list[tuple[float, float, float]]) -> None:
     wi = np.stack([unit(i, 0.3) for i, _, _ in pairs])
     wo = np.stack([unit(o, 0.3 + azimuth) for _, o, azimuth in pairs])
-    for name, (there, back) in _both_ways(n, wi, wo).items():
+    for name, (there, back) in _both_ways(PARTS[part], n, wi, wo).items():
         there, back = np.asarray(there), np.asarray(back)
         assert np.all(np.isfinite(there)), name
         assert np.all(there >= -1e-13), name  # Schlick: (1 - versine) / n, and 1 - versine rounds

@@ -105,6 +105,7 @@ def test_a_document_gives_colours_and_what_is_linked(tmp_path: Path) -> None:
     assert at(load(f"{path}:SR_worn", base_color=colour)) == pytest.approx(gltf_metal(np.array(colour), 1.0), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_surface_in_a_node_graph_has_what_the_graph_gives(tmp_path: Path) -> None:
     surface = METALS[METALS.index("  <gltf_pbr") : METALS.index("  <multiply")].replace(
         'nodename="rough"', 'interfacename="gloss"'
@@ -127,6 +128,7 @@ def test_colours_are_taken_from_their_space(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_colours_are_white_but_for_those_that_are_off() -> None:
     held = load("materialx:standard_surface").held
     assert held["base_color"] == 1

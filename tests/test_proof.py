@@ -258,7 +258,7 @@ def mutated(value: Any) -> list[Any]:
 @pytest.mark.parametrize(
     "name",
     [
-        "lyon-1-half",
+        pytest.param("lyon-1-half", marks=pytest.mark.slow),
         "phong",
         "blinn-phong",
         "schlick-mirror",

@@ -45,6 +45,7 @@ def session(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
     return lambda *words: pytester.runpytest_inprocess(*PLUGIN, *words)
 
 
+@pytest.mark.slow
 def test_functions_that_return_a_brdf_or_are_a_family(pytester: pytest.Pytester, session: Run) -> None:
     pytester.makepyfile(
         """
@@ -274,6 +275,7 @@ def test_a_project_that_is_wrong_is_said_in_one_line(pytester: pytest.Pytester, 
     assert "the parameter k must be given a range" in result.stdout.str()
 
 
+@pytest.mark.slow
 def test_with_xdist(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, project: Callable[[str], None]) -> None:
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTHONPATH", str(Path(brdfcheck.__file__).parent.parent))

@@ -59,7 +59,7 @@ KINDS = list({kind(name): name for name in reversed(NAMES)}.values())
 """One BRDF of each kind."""
 
 
-@pytest.mark.parametrize("name", few(NAMES, KINDS[::2]))
+@pytest.mark.parametrize("name", few(NAMES, KINDS[::4]))
 def test_reverse_mode_in_float32_is_finite(name):
     slopes = slopes_of(("sphere",), *numbers(name, jnp.float32))
     assert np.all(np.isfinite(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(slopes)])))
@@ -92,7 +92,7 @@ def test_reverse_mode_with_several_slopes():
     np.testing.assert_allclose(slopes, jax.jit(jax.jacfwd(total))(given), rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", few(["phong", "cook-torrance", "beckmann-smith-correlated"], ("phong", "cook-torrance")))
+@pytest.mark.parametrize("name", few(["phong", "cook-torrance", "beckmann-smith-correlated"], ("cook-torrance",)))
 def test_reverse_mode_is_the_central_difference(name):
     (parameter,) = catalog.entry(name).family.ranges
     total = jax.jit(lambda value, way: image_sum(("sphere",), catalog.exponent_family(name)(value), way, jnp.ones(3)))

@@ -192,6 +192,7 @@ def test_functions_have_derivatives_where_jax_traces_them():
     assert float(slope) == pytest.approx(float(brightness(20 + 1e-5) - brightness(20 - 1e-5)) / 2e-5, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_channels_and_directions_of_functions_are_those_of_the_surface():
     # At the normal +z the axes are those of space; elsewhere x is level.
     up, sideways, surface = jnp.array([0.0, 0, 1]), jnp.array([1.0, 0, 0]), Surface(Term(brushed))
@@ -259,6 +260,7 @@ def test_metal_is_the_printed_equation(form):
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
     # Rounding puts some of the cosines of 4000 normals around the mirror direction above 1.
     tilts = np.random.default_rng(3).normal(size=(4000, 2)) * 1e-4

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy_raster import averaged_normals
+from selection import few
 
 from brdfcheck.scene import failures
 from brdfcheck.scene.meshes import (
@@ -109,7 +110,7 @@ def test_deformation_keeps_the_topology_and_recomputes_normals():
     np.testing.assert_allclose(vertex_normals(deformed(ellipsoid, lambda v: v @ turn.T)), expected @ turn.T, atol=1e-14)
 
 
-@pytest.mark.parametrize("weighting", ["unit", "area"])
+@pytest.mark.parametrize("weighting", few(["unit", "area"], ("area",)))
 def test_gradients_of_normals(weighting):
     mesh, direction = corrugated(2, segments=4, rows=1), np.random.default_rng(1).normal(size=(18, 3))
 
@@ -192,6 +193,7 @@ def triangle(seed):
     return corners, inside, random.normal(size=(3, 4))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000))
 def test_three_interpolations_agree_on_triangles(seed):
     corners, shares, values = triangle(seed)
@@ -211,6 +213,7 @@ def test_scan_lines_on_quadrilaterals_are_what_the_formula_says():
     assert interpolated(scan_line_weights(corners, np.array([x, y])), values) == pytest.approx(expected, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_scan_lines_depend_on_the_rotation_of_quadrilaterals_only():
     angle = np.radians([0.0, 10, 30, 44, 45, 90])
     square, saddle = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), np.array([0.0, 1, 0, 1])
@@ -232,7 +235,7 @@ def test_interpolation_outside_its_domain_is_finite():
     np.testing.assert_array_equal(scan_line_weights(flat, np.array([0.3, 5.0])), 0)
 
 
-@pytest.mark.parametrize("name", INTERPOLATIONS)
+@pytest.mark.parametrize("name", few(INTERPOLATIONS, ("scan-line",)))
 def test_gradients_of_interpolation(name):
     corners, shares, values = triangle(7)
     at, move = corners.T @ shares[:, 0], np.random.default_rng(2).normal(size=(3, 2))

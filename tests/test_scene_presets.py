@@ -97,7 +97,11 @@ def test_a_surface_that_returns_all_light_vanishes_to_1e4():
 
 @pytest.mark.parametrize(
     ("name", "parameters"),
-    [("blinn-phong-8", {"n": 8.76}), ("binomial-power-published", {"n": 17.85}), ("binomial-power-half", {"n": 17.85})],
+    [
+        ("blinn-phong-8", {"n": 8.76}),
+        pytest.param("binomial-power-published", {"n": 17.85}, marks=pytest.mark.slow),
+        ("binomial-power-half", {"n": 17.85}),
+    ],
 )
 def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, parameters):
     side = 13
@@ -163,7 +167,7 @@ def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
 @pytest.mark.parametrize(
     ("name", "parameters", "largest"),
     [
-        ("cook-torrance-no-masking", {"m": 0.4}, 6.97),
+        pytest.param("cook-torrance-no-masking", {"m": 0.4}, 6.97, marks=pytest.mark.slow),
         ("blinn-phong-8", {"n": 8.76}, 1.0752),
         ("lambert", {"reflectance": 1.2}, 1.2),
     ],
@@ -176,6 +180,7 @@ def test_the_number_beside_a_furnace_is_the_albedo_at_stated_angles(name, parame
     assert found == pytest.approx(max(every), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_lobes_of_one_kind_are_one_program_of_the_furnace(monkeypatch):
     traces = []
     real = white_furnace.directional_albedo

@@ -101,6 +101,7 @@ def test_phong_tends_to_the_exact_sphere_in_every_pixel():
     assert errors[1, 1:].max() < errors[1, 0] / 5
 
 
+@pytest.mark.slow
 def test_one_program_for_all_numbers(monkeypatch):
     traces = []
     from brdfcheck.scene import smooth

@@ -196,7 +196,8 @@ def shifted(tree, tangent, step):
     return jax.tree.map(lambda leaf, part: leaf + step * part, tree, tangent)
 
 
-@pytest.mark.parametrize("name", few(SCENES, ("metal facets",)))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
 def test_gradients_are_finite_in_every_pixel_and_those_of_differences(name):
     scene, size = SCENES[name](), (20, 20)
     rng = np.random.default_rng(0)
@@ -242,6 +243,7 @@ def operations(material, lights, size=(64, 64)):
     return found
 
 
+@pytest.mark.slow
 def test_nothing_is_computed_that_the_scene_does_not_use():
     functions = ("exp", "log", "log1p", "pow", "atan2", "sqrt", "while", "scan")
 

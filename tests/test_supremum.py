@@ -185,7 +185,7 @@ def test_of_two_peaks_the_higher_one_though_it_is_narrow():
     assert found.parameters["x"] == pytest.approx(0.83, abs=1e-6)
 
 
-@pytest.mark.parametrize("effort", few(["quick", "normal", "thorough"], ("quick", "normal")))
+@pytest.mark.parametrize("effort", few(["quick", "normal", "thorough"], ("quick",)))
 @pytest.mark.parametrize("function", [False, True])
 def test_nothing_wider_than_it_says_is_missed(effort: str, function: bool):
     """Slabs a little wider than `width` in one coordinate, wherever they are."""
@@ -250,7 +250,7 @@ def test_the_theorem_says_what_the_full_search_finds(name: str, monkeypatch: pyt
 FACETS = ["cook-torrance", "beckmann-smith", "beckmann-smith-correlated", "ggx"]
 
 
-@pytest.mark.parametrize("name", few(FACETS, ("cook-torrance", "ggx")))
+@pytest.mark.parametrize("name", few(FACETS, ("ggx",)))
 def test_masked_facets_are_never_above_one(name: str, monkeypatch: pytest.MonkeyPatch):
     family = catalog.entry(name).family
     short = supremum(PointwiseAlbedo(family))
@@ -348,6 +348,7 @@ def test_a_tall_peak_is_a_number(function: bool):
     assert found.unbounded is None
 
 
+@pytest.mark.slow
 def test_grazing_light_without_bound():
     found = largest(lambda: PerCosine(Phong(5.0)))
     assert (found.value, found.unbounded, found.cos_theta) == (np.inf, "towards grazing incidence", 0.0)
@@ -360,6 +361,7 @@ def test_grazing_light_without_bound():
     assert found.parameters["k"] > 0
 
 
+@pytest.mark.slow
 def test_the_limit_at_grazing_incidence_is_the_supremum():
     # E = (1.02 - 0.1 mu^0.3) (1 - (k - 0.4)^2): 2e-4 above its value at a cosine of 1e-9.
     def build(k):

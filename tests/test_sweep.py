@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import xarray
 from projects import SWEEP
+from selection import few
 from shared import contents
 
 import brdfcheck
@@ -157,6 +158,7 @@ def test_brdf_rule_and_rtol_are_axes(tmp_path):
     assert both.evaluations.sel(rtol=1e-3).item() < both.evaluations.sel(rtol=1e-12).item()
 
 
+@pytest.mark.slow
 def test_a_rule_is_the_registered_one_with_its_setting_or_its_usual_one(tmp_path):
     rules = ["zonal", "zonal:12", "zonal:4", "adaptive", "adaptive:1e-8"]
     data = sweep({"brdf": "phong", "rule": rules, "axes": {"n": [20.0], "cos_theta": [0.4, 0.9]}}, tmp_path / "s")
@@ -567,9 +569,10 @@ def damage(path: Path, how: str) -> None:
         path.write_bytes(data)
 
 
-@pytest.mark.parametrize(
-    "key", ["albedo/c/0/1", "error/c/0/0", "evaluations/c/0/2", "n/c/0", "albedo/zarr.json", "zarr.json", "checksum/c/0/1/0"]
-)
+KEYS = ("albedo/c/0/1", "error/c/0/0", "evaluations/c/0/2", "n/c/0", "albedo/zarr.json", "zarr.json", "checksum/c/0/1/0")
+
+
+@pytest.mark.parametrize("key", few(KEYS, ("albedo/c/0/1", "n/c/0", "zarr.json", "checksum/c/0/1/0")))
 def test_damage_is_named_and_mended(key, out):
     before = contents(out)
     for how in DAMAGE:
@@ -634,6 +637,7 @@ def test_killed_at_every_single_write(whole, tmp_path, monkeypatch):
         assert {**contents(out, seconds=False)} == expected, f"killed at write {last} of {count}"
 
 
+@pytest.mark.slow
 def test_processes_that_are_interrupted_and_killed(config, tmp_path, capsys):
     file, whole, out = config(), tmp_path / "whole", tmp_path / "s"
     for number, count in ((signal.SIGINT, 3), (signal.SIGKILL, 60)):

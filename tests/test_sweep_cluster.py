@@ -90,6 +90,7 @@ def test_a_killed_worker_loses_nothing(boss, worker, config, tmp_path):
     assert contents(tmp_path / "s", seconds=False) == contents(tmp_path / "alone", seconds=False)
 
 
+@pytest.mark.slow
 def test_a_task_that_the_scheduler_forgets_is_given_out_again(boss, config, tmp_path, monkeypatch):
     plan, given = Plan(read_config(config)), []
     submit = distributed.Client.submit

@@ -104,7 +104,14 @@ def test_bad_axes_are_refused(n, mu, message):
 
 
 @pytest.mark.parametrize("cores", few([2, 3], (3,)))
-@pytest.mark.parametrize("family", [Phong, lambda n: Lyon(n, 2), CookTorrance], ids=["nodes", "breaks", "cells"])
+@pytest.mark.parametrize(
+    "family",
+    [
+        pytest.param(Phong, id="nodes", marks=pytest.mark.slow),
+        pytest.param(lambda n: Lyon(n, 2), id="breaks"),
+        pytest.param(CookTorrance, id="cells", marks=pytest.mark.slow),
+    ],
+)
 def test_threads_change_nothing(monkeypatch, family, cores):
     """Columns shared out among threads, the last part overlapping the one before."""
     n = np.geomspace(1, 900, 11) if family is not CookTorrance else np.array([0.2, 0.6])
@@ -125,6 +132,7 @@ def test_threads_change_nothing(monkeypatch, family, cores):
     assert together.evaluations == alone.evaluations
 
 
+@pytest.mark.slow
 def test_threads_keep_the_callers_precision(monkeypatch):
     monkeypatch.setattr(tables, "_LEAST", 1)
     monkeypatch.setattr(tables, "available_cores", lambda: range(2))

@@ -78,7 +78,8 @@ def shares(surface, cosine: float, below: float = 0.0) -> np.ndarray:
     return np.array([float(albedo(surface.lit(below, part), cosine).value) for part in ("reflected", "transmitted")])
 
 
-@pytest.mark.parametrize("kind", few(KINDS, ("ggx",)))
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("alpha", "eta", "cosine", "below"), [(0.3, 1.5, 0.6, 0.0), (0.5, 1.5, 0.7, 1.0), (0.2, 1.33, 0.2, 1.0)]
 )
@@ -156,7 +157,7 @@ def test_reciprocity_on_the_whole_sphere(kind, eta):
 
 
 @needs_mitsuba
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", few(KINDS, ("beckmann",)))
 def test_rough_dielectric_is_mitsubas(kind):
     """Values to 1e-5. Of Beckmann's masking Mitsuba has Walter's rational fit, put in here in place of the exact one."""
     words = f'mitsuba:{{"type": "roughdielectric", "distribution": "{kind}", "int_ior": 1.5, "ext_ior": 1.0}}'

@@ -102,7 +102,8 @@ def test_rays_land_where_the_form_factors_say(name):
             assert np.max(np.min(off, axis=-1)) < 1e-14
 
 
-@pytest.mark.parametrize("name", few(["box", "sphere"], ("box",)))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["box", "sphere"])
 def test_a_point_of_a_patch_is_found_on_it(name):
     room = ENCLOSURES[name]()
     patch = jnp.arange(room.patches, dtype=np.int32)
@@ -182,6 +183,7 @@ def test_wrong_arguments(call, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_dent_is_refused():
     # A pyramid on a cube is convex no more where its tip is pushed in.
     corners = np.concatenate([CUBE, [[0.5, 0.5, 0.8]]])

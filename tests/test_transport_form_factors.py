@@ -160,6 +160,7 @@ def test_patches_with_an_honest_error(other, name, order):
     assert found.error < {4: 0.05, 8: 1e-3, 12: 1e-5, 16: 1e-7}[order]
 
 
+@pytest.mark.slow
 def test_patches_that_cut_each_others_horizon():
     # Half of the wall lies below the floor's plane and sees nothing of it.
     wall = np.array([[1.5, 0, -1], [1.5, 1, -1], [1.5, 1, 1], [1.5, 0, 1]], float)

@@ -58,8 +58,15 @@ def problems():
 PROBLEMS = problems()
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-@pytest.mark.parametrize("solver", SOLVERS)
+# Of 6 patches, and so a program of its own for each solver.
+CUBE = "cube of the facts"
+EACH = [(solver, name) for solver in SOLVERS for name in PROBLEMS]
+
+
+@pytest.mark.parametrize(
+    ("solver", "name"),
+    [pytest.param(*one, marks=[pytest.mark.slow] if one[1] == CUBE and one[0] != "direct" else []) for one in EACH],
+)
 def test_every_solver_on_every_problem(solver, name):
     room, emission, reflectance, exact = PROBLEMS[name]
     solution = SOLVERS[solver](room, emission, reflectance)

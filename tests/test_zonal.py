@@ -18,9 +18,8 @@ from brdfcheck.quadrature.zonal import zonal_weights
 TABLES = zonal_tables()
 
 
-# One of each lobe and form.
-FAST = ("phong", "blinn", "schlick", "schlick_half", "kb", "kb_half", "lyon2", "lyon3_mirror", "binomial16")
-FAST += ("binomial16_mirror", "binomial16_unclamped")
+# One of each lobe, and of each form.
+FAST = ("phong", "blinn", "schlick_half", "kb", "lyon3_mirror", "binomial16_unclamped")
 
 
 @pytest.mark.parametrize("name", few(LOBES, FAST))
@@ -73,6 +72,7 @@ def test_phong_at_even_exponents_is_a_polynomial(n):
     np.testing.assert_allclose(albedo(Phong(float(n)), mu).value, expected, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_lambert_reflects_its_reflectance_at_every_angle():
     mu = jnp.linspace(0, 1, 33)
     np.testing.assert_allclose(albedo(Lambert(0.7), mu).value, 0.7, rtol=1e-13)
@@ -84,7 +84,8 @@ def test_lambert_reflects_its_reflectance_at_every_angle():
 WIDE = ["phong", "blinn", "schlick_half", "kb", "lyon2", "binomial16_unclamped"]
 
 
-@pytest.mark.parametrize("name", few(WIDE, ("phong",)))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WIDE)
 def test_against_brute_force_over_the_outgoing_hemisphere(name):
     # Ties the albedo to the function f(wi, wo) that users call, not only to the reduced integral.
     lobe = LOBES[name](5.0)
@@ -143,13 +144,15 @@ BACKWARDS, FORWARDS = jax.jit(jax.grad(value)), jax.jit(jax.jacfwd(value))
 
 
 # Of the half form `test_rules` has one every time.
-@pytest.mark.parametrize("name", few(SLOPES, [name for name in SLOPES if name.startswith("phong")]))
-def test_the_derivative_at_normal_incidence_is_the_limit(name):
-    lobe, right = SLOPES[name]
-    assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
-    assert float(FORWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lobe)
-    assert float(BACKWARDS(jnp.float32(1), single)) == pytest.approx(right, rel=2e-5, abs=1e-5)
+@pytest.mark.parametrize("kind", few(["Phong", "BinomialPower", "BlinnPhong", "Lambert"], ("Phong",)))
+def test_the_derivative_at_normal_incidence_is_the_limit(kind):
+    chosen = [(lobe, right) for lobe, right in SLOPES.values() if type(lobe).__name__ == kind]
+    assert chosen
+    for lobe, right in chosen:
+        assert float(BACKWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+        assert float(FORWARDS(1.0, lobe)) == pytest.approx(right, rel=1e-9, abs=1e-10)
+        single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), lobe)
+        assert float(BACKWARDS(jnp.float32(1), single)) == pytest.approx(right, rel=2e-5, abs=1e-5)
 
 
 STEEP = {
@@ -166,7 +169,8 @@ STEEP = {
 }
 
 
-@pytest.mark.parametrize("name", few(STEEP, ("kb-0-half",)))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STEEP)
 def test_the_derivative_at_normal_incidence_is_the_slope_of_the_values(name):
     lobe = STEEP[name]
     right = slope_at_normal(lambda mu: value(mu, lobe))
@@ -189,7 +193,7 @@ def test_huge_powers_keep_their_digits(lobe, mu, right):
     assert abs(float(single.value) - right) <= float(single.error) <= 1e-4
 
 
-@pytest.mark.parametrize("form", ["mirror", "half"])
+@pytest.mark.parametrize("form", few(["mirror", "half"], ("mirror",)))
 @pytest.mark.parametrize("power", few([1, 3, 5, 6, 7, 10, 14, 21, 31, 40, 53], (53,)))
 def test_bars_of_any_power_contain_the_closed_form(power, form):
     # At normal incidence, for lobes that end inside: (1 - v/e)^k with e = k/n times a polynomial in v.
