@@ -66,7 +66,7 @@ def _endless(surface: Surface, place: np.ndarray) -> bool:
     if mu[0] > 0:
         return False
     value, error = surface.albedo(np.repeat(parameters, count, axis=0), LAST_DECADES, np.repeat(azimuth, count))
-    return np.isposinf(extrapolated(value, error)[0])
+    return bool(np.isposinf(extrapolated(value, error)[0]))
 
 
 def _grows(surface: Surface, place: np.ndarray) -> bool:
