@@ -68,7 +68,7 @@ _CELLS = (2, 4, 8)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _TABLES = (8, 32, 128)
 _GRIDS = (24, 36, 72, 108)
-# A grid of points is tried where it has at most this part of the pixels around the object.
+# A grid of points is tried where it is less than this part of the pixels around the object.
 _MOST_GRID = 1 / 4
 # A box around the object is tried where it is less than this part of the picture.
 _MOST_WINDOW = 0.9
@@ -140,7 +140,7 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
     if inside < _MOST_WINDOW * math.prod(scene.picture.size):
         around = f"box {top}:{bottom}, {left}:{right}"
         found.append(Knob("window", "pixels shaded", (around, "all")))
-    grids = [count for count in _GRIDS if mesh is None and count**2 <= _MOST_GRID * inside]
+    grids = [count for count in _GRIDS if mesh is None and count**2 < _MOST_GRID * inside]
     if grids:
         found.append(Knob("grid", "points shaded", (*(f"{count} x {count}" for count in grids), "each pixel")))
     if scene.room is not None:
