@@ -241,25 +241,28 @@ class Compiler:
         """The work at one point that is seen. By materials, lights, the rule for the albedo, and precision alone."""
         _, fine = split(plan, plan.lights, self.scene.room is not None)
         work = self._lit(plan, fine, self.scene.room is not None and plan.grid is None)
-        if (count := plan.grid) is None:
-            return work
-        exact, numbers, place = self._everywhere(plan)
-        sphere = {name: numbers[name] for name in _SPHERE}
-
-        def between(sphere: Any, place: Any) -> Array:
-            return Grid.of(sphere, count).between(jnp.zeros((3, count, count)), Vector(*place[1]))
-
-        return work + self._work(("between", count), plan.dtype, between, sphere, place) / _points(self.scene, exact)
+        return work if plan.grid is None else work + self._grid(plan, plan.grid)[1]
 
     def grid(self, plan: Plan) -> float:
         """The work of all points of a grid, 0 where there is none."""
         if (count := plan.grid) is None:
             return 0.0
-        _, numbers, _ = self._everywhere(plan)
-        sphere = {name: numbers[name] for name in _SPHERE}
         coarse, _ = split(plan, plan.lights, self.scene.room is not None)
-        places = self._work(("grid", count), plan.dtype, lambda sphere: Grid.of(sphere, count).places(), sphere)
-        return places + count**2 * self._lit(plan, coarse, self.scene.room is not None)
+        return self._grid(plan, count)[0] + count**2 * self._lit(plan, coarse, self.scene.room is not None)
+
+    def _grid(self, plan: Plan, count: int) -> tuple[float, float]:
+        """The work of laying a grid out, and of a pixel between its points."""
+
+        def between(sphere: Any, place: Any) -> Array:
+            return Grid.of(sphere, count).between(jnp.zeros((3, count, count)), Vector(*place[1]))
+
+        def both() -> tuple[float, float]:
+            exact, numbers, place = self._everywhere(plan)
+            sphere = {name: numbers[name] for name in _SPHERE}
+            laid = self._work(("grid", count), plan.dtype, lambda sphere: Grid.of(sphere, count).places(), sphere)
+            return laid, self._work(("between", count), plan.dtype, between, sphere, place) / _points(self.scene, exact)
+
+        return self._once(("grid works", count, plan.dtype), both)
 
     def _everywhere(self, plan: Plan) -> tuple[Plan, Any, Any]:
         """Whatever of the scene is seen, shaded in every pixel: the same plan, numbers and places whatever is asked first."""
@@ -267,7 +270,12 @@ class Compiler:
         return exact, self._numbers(exact), self._seen(exact)[1]
 
     def _lit(self, plan: Plan, some: Sequence[Any], room: bool) -> float:
-        """The work at one point, of some of the plan's lights."""
+        """The work at one point, of some of the plan's lights: the same whatever their numbers are, and the grid."""
+        shapes = [(jax.tree.structure(light), str(jax.tree.map(jnp.shape, light))) for light in some]
+        key = ("lit", jax.tree.structure(plan.material), *shapes, room, plan.quadrature, plan.table, plan.dtype)
+        return self._once(key, lambda: self._lit_anew(plan, some, room))
+
+    def _lit_anew(self, plan: Plan, some: Sequence[Any], room: bool) -> float:
         exact, numbers, place = self._everywhere(replace(plan, lights=tuple(some)))
         material, moments = numbers["material"], jnp.ones(10) if room else None
 
