@@ -24,6 +24,7 @@ from brdfcheck.budgets.measure import Beside, Budget, BudgetError, beside, full_
 from brdfcheck.budgets.programs import Compiler
 from brdfcheck.budgets.room import irradiance, room_numbers
 from brdfcheck.budgets.search import REFUSED, Fault, Search
+from brdfcheck.budgets.shaders import split
 from brdfcheck.messages import UsageError
 from brdfcheck.operations import program_of, traced
 from brdfcheck.scene.artistic import Highlight, Translucent
@@ -49,11 +50,12 @@ PANEL = {"kind": "polygon", "vertices": [[2, -1, -1], [2, 1, -1], [2, 1, 1], [2,
 
 
 ROOM = {"reflectance": 0.5, "emission": 1}
+ASIDE = {"kind": "perspective", "eye": [2, 1, -4], "target": [0.3, 0.1, 0.2]}
 
 
 def work_of(compiler: Compiler, plan: Any) -> float:
     seen, points = compiler.seeing(plan)
-    return seen + points * compiler.shading(plan) + compiler.room(plan)
+    return seen + points * compiler.shading(plan) + compiler.grid(plan) + compiler.room(plan)
 
 
 @pytest.fixture(scope="module")
@@ -185,12 +187,17 @@ def test_operations_are_counted_with_their_loops_and_prices():
         pytest.param(GLOSSY, marks=pytest.mark.slow),
         {"size": 20, "material": MATT, "lights": [PANEL], "room": {"reflectance": 0.5, "emission": 1}},
         {"size": 20, "material": GLOSSY["material"], "lights": [{"kind": "environment"}]},
+        {**GLOSSY, "size": 20, "camera": {"kind": "perspective"}},
     ],
 )
 def test_the_work_of_the_parts_is_that_of_the_whole(document):
 
     scene = scenes.parse_scene(document)
-    for choice in ({}, {"precision": "float32", "light": "distant", "surrounding": "4 nodes", "bounces": "3"}):
+    for choice in (
+        {},
+        {"precision": "float32", "light": "distant", "surrounding": "4 nodes", "bounces": "3"},
+        {"grid": "20 x 20"},  # as many points as pixels: those of a surrounding are integrated in blocks
+    ):
         plan = knobs.plan_of(scene, choice)
         numbers = Compiler(scene)._numbers(plan)
         whole = traced(
@@ -265,16 +272,25 @@ FACETS = {"size": 20, "geometry": {"kind": "icosphere", "level": 2}, **{key: GLO
         (GLOSSY, [{}, {"precision": "float32", "light": "distant"}, {"lobe": "Lyon w=2, exact factor"}]),
         pytest.param(
             {"size": 20, "material": MATT, "lights": [PANEL], "room": ROOM},
-            [{}, {"bounces": "2", "precision": "float32"}, {"cells": "2 x 2"}],
+            [{}, {"bounces": "2", "precision": "float32"}, {"cells": "2 x 2"}, {"grid": "9 x 9"}],
             marks=pytest.mark.slow,
         ),
+        pytest.param(
+            {**GLOSSY, "size": 24, "room": ROOM, "lights": [{**PANEL, "matt_only": True}, *GLOSSY["lights"]], "camera": ASIDE},
+            [{}, {"grid": "9 x 9"}, {"grid": "12 x 12", "precision": "float32"}],
+            marks=pytest.mark.slow,
+        ),
+        ({**GLOSSY, "size": 24}, [{}, {"grid": "9 x 9"}]),
         (FACETS, [{}, {"facets": "80 faces, flat"}]),
         pytest.param(
             FACETS,
             [{}, {"facets": "the sphere itself"}, *({"facets": f"80 faces, {name}"} for name in ("Gouraud", "Phong"))],
             marks=pytest.mark.slow,
         ),
-        ({"size": 20, "material": {"kind": "translucent", "base": 0.5}, "lights": [DISTANT]}, [{}, {"lobe": "Schlick"}]),
+        (
+            {"size": 20, "material": {"kind": "translucent", "base": 0.5}, "lights": [DISTANT]},
+            [{}, {"lobe": "Schlick"}, {"grid": "9 x 9"}],
+        ),
     ],
 )
 def test_a_picture_by_steps_is_that_of_its_program(document, choices):
@@ -587,6 +603,53 @@ def test_lights_that_do_not_matter_are_left_out():
     np.testing.assert_allclose(found.image, both, rtol=1e-5)
     # The tolerance decides: none of them may go where each is seen.
     assert brdfcheck.budget({**scene, "output": {"bits": 16, "transfer": "linear"}}, 1e-9).chosen["lights"] == "6 of 6"
+
+
+@pytest.mark.parametrize(
+    ("material", "lights", "camera", "nearly"),
+    [
+        (MATT, [{**PANEL, "vertices": [[3, -1, -9], [3, 1, -9], [-3, 1, -9], [-3, -1, -9]]}], ASIDE, 6e-4),
+        (
+            GLOSSY["material"], [{**GLOSSY["lights"][0], "position": [-3, 1, -5]}],
+            {"kind": "orthographic", "eye": [-1, -2, -3], "half_height": 0.9}, 1.2e-2,  # it has a sharp highlight
+        ),
+    ],
+)  # fmt: skip
+def test_a_grid_of_points_tends_to_each_pixel(material, lights, camera, nearly):
+    scene = scenes.parse_scene({"size": [40, 60], "camera": camera, "material": material, "lights": lights})
+    compiler = Compiler(scene)
+    full = compiler.program(knobs.plan_of(scene, {})).image()
+    few, many = (
+        np.abs(compiler.program(knobs.plan_of(scene, {"grid": f"{count} x {count}"})).image() - full).max() / full.max()
+        for count in (28, 112)
+    )
+    # Between points it is linear: errors fall as the square of their distance, up to the outline.
+    assert 0 < many < nearly
+    assert 10 * many < few < 30 * many
+
+
+def test_a_grid_holds_what_areas_send_and_rays_only_where_there_is_nothing_else():
+    document = {**GLOSSY, "size": 12, "lights": [{**PANEL, "matt_only": True}, DISTANT, {"kind": "ambient", "intensity": 0.1}]}
+    lights = scenes.parse_scene(document).picture.lights
+    plan = knobs.plan_of(scenes.parse_scene(document), {"grid": "4 x 4"})
+    panel, distant, ambient = lights
+    assert split(plan, lights, False) == ((panel,), (distant, ambient))
+    assert split(plan, (distant,), False) == ((distant,), ())
+    assert split(plan, (distant,), True) == ((), (distant,))
+    assert split(knobs.plan_of(scenes.parse_scene(document), {}), lights, True) == ((), lights)
+
+
+def test_a_grid_is_chosen_where_each_pixel_is_dear():
+    scene = {"size": 80, "material": MATT, "lights": [PANEL]}
+    found = brdfcheck.budget(scene, "4/255")
+    assert found.chosen["grid"] == "24 x 24"
+    assert 0 < found.verified.pixel <= 4 / 255
+    # All others as they are: each pixel is dearer, and nearer.
+    rungs = {rung.name: rung for rung in found.ladders["grid"]}
+    assert list(rungs) == ["24 x 24", "36 x 36", "each pixel"]
+    assert 3 * rungs["24 x 24"].cost < rungs["each pixel"].cost == 1
+    assert rungs["24 x 24"].fault.pixel > rungs["36 x 36"].fault.pixel > rungs["each pixel"].fault.pixel == 0
+    assert brdfcheck.budget(scene, "0.01/255").chosen["grid"] == "each pixel"
 
 
 @pytest.mark.slow

@@ -67,6 +67,9 @@ _BOUNCES = (0, 1, 2, 4, 8, 16, 32)
 _CELLS = (2, 4, 8)
 _QUADRATURE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _TABLES = (8, 32, 128)
+_GRIDS = (24, 36, 72, 108)
+# A grid of points is tried where it is less than this part of the pixels around the object.
+_MOST_GRID = 1 / 4
 # A box around the object is tried where it is less than this part of the picture.
 _MOST_WINDOW = 0.9
 _FEW = 8  # numbers of lights of which each is tried
@@ -133,9 +136,13 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
         elif len(shadings) > 1:
             found.append(Knob("shading", "interpolation", shadings))
     top, bottom, left, right = _window(scene)
-    if (bottom - top) * (right - left) < _MOST_WINDOW * math.prod(scene.picture.size):
+    inside = (bottom - top) * (right - left)
+    if inside < _MOST_WINDOW * math.prod(scene.picture.size):
         around = f"box {top}:{bottom}, {left}:{right}"
         found.append(Knob("window", "pixels shaded", (around, "all")))
+    grids = [count for count in _GRIDS if mesh is None and count**2 < _MOST_GRID * inside]
+    if grids:
+        found.append(Knob("grid", "points shaded", (*(f"{count} x {count}" for count in grids), "each pixel")))
     if scene.room is not None:
         found.append(Knob("bounces", "bounces of light", (*(str(count) for count in _BOUNCES), "all")))
         counts = (*(count for count in _CELLS if count < scene.room.cells), scene.room.cells)
@@ -192,7 +199,8 @@ class Plan:
     `facets`: (level of an icosphere or None for the scene's own mesh, shading), None for the exact sphere. `bounces`: None for
     all.
     `cells`: patches along an edge of the room, None for the scene's own.
-    `window`: rows and columns of the picture that are shaded, None for all.
+    `window`: rows and columns of the picture that are shaded, None for all. `grid`: points along an edge of the grid of the
+    sphere that is shaded instead, None for each pixel.
     `quadrature`: nodes of the albedo in a panel, None to integrate the BRDF itself. `table`: at how many cosines what is
     reflected of a surrounding is computed, to be looked up in each pixel; None to compute it there.
     """
@@ -206,6 +214,7 @@ class Plan:
     quadrature: int | None = None
     table: int | None = None
     window: tuple[int, int, int, int] | None = None
+    grid: int | None = None
 
 
 def plan_of(scene: Scene, choice: Choice) -> Plan:
@@ -232,6 +241,7 @@ def plan_of(scene: Scene, choice: Choice) -> Plan:
         int(surrounding.split()[0]) if surrounding.endswith("nodes") else None,
         int(surrounding.split()[-1]) if surrounding.startswith("table") else None,
         None if choice.get("window", "all") == "all" else _numbers_in(choice["window"]),
+        None if choice.get("grid", "each pixel") == "each pixel" else int(choice["grid"].split()[0]),
     )
 
 

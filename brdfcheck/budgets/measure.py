@@ -41,7 +41,8 @@ _LONGEST, _FEWEST, _MOST = 1.0, 9, 101
 # The knobs that each part of the work depends on.
 _DEPENDS = {
     "seeing": ("facets", "shading", "window", "precision"),
-    "shading": ("lobe", "fresnel", "metal", "light", "lights", "surrounding", "precision"),
+    "shading": ("lobe", "fresnel", "metal", "light", "lights", "surrounding", "grid", "precision"),
+    "grid": ("lobe", "fresnel", "metal", "light", "lights", "surrounding", "grid", "precision"),
     "room": ("bounces", "cells", "precision"),
 }  # fmt: skip
 # Scenes whose measurements are kept.
@@ -240,7 +241,7 @@ class _View:
             return self.works[key]
 
         seen, points = part("seeing")
-        return float(seen + points * part("shading") + part("room"))
+        return float(seen + points * part("shading") + part("grid") + part("room"))
 
     def time(self, program: Program) -> Beside:
         """Beside the full model. Measured once, so that what is said of a combination does not change."""

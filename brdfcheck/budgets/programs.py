@@ -15,32 +15,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.lobes import Lambert
+from brdfcheck.budgets.grid import Grid
 from brdfcheck.budgets.knobs import Plan, plain
-from brdfcheck.budgets.room import at_middle, irradiance, room_numbers
+from brdfcheck.budgets.room import at_middle, room_numbers
 from brdfcheck.budgets.scenes import Scene
+from brdfcheck.budgets.shaders import BLOCK, Shader, point_shader, shader_of, split
 from brdfcheck.operations import program_of, work_of
-from brdfcheck.quadrature.polar import Order
-from brdfcheck.quadrature.zonal import zonal_weights
 from brdfcheck.scene.cameras import WHOLE, Part
-from brdfcheck.scene.lights import Ambient, Environment, Polygon
+from brdfcheck.scene.lights import Ambient, Polygon
 from brdfcheck.scene.materials import Surface
 from brdfcheck.scene.meshes import Mesh, icosphere, vertex_normals
 from brdfcheck.scene.raster import rasterise
-from brdfcheck.scene.shading import shade
 from brdfcheck.scene.smooth import SHADINGS
 from brdfcheck.scene.sphere import seen_sphere
-from brdfcheck.scene.vectors import Vector, dot, spread
+from brdfcheck.scene.vectors import Vector, spread
 
 Image = Float[np.ndarray, "3 height width"]
-# Of points, normals and views in three fields each, or arrays of the shape (3, ...).
-Shader = Callable[[Any, Any, Any], Array]
-
-# Points that are shaded at once.
-_BLOCK = 2**14
 # The numbers that say what is seen where.
-_SHOWN = ("camera", "center", "radius", "vertices", "faces", "background")
+_SPHERE = ("camera", "center", "radius")
+_SHOWN = (*_SPHERE, "vertices", "faces", "background")
 # Lights that bring nothing to terms that are not matt.
 _MATT_ONLY = (Ambient, Polygon)
 # Side of the windows in which the rasteriser walks over the box around a face.
@@ -56,7 +49,8 @@ class Picture(NamedTuple):
 
 @dataclass
 class Program:
-    """A compiled plan with its numbers. Programs of one `key` take the same time.
+    """A compiled plan with its numbers, a list: JAX takes a tree of lights and materials apart in each call, in 10 to 30
+    microseconds. Programs of one `key` take the same time.
 
     `frame`: where not all pixels are shaded, the background that the others are drawn over, again in each picture.
     """
@@ -100,13 +94,14 @@ class Compiler:
         structure = (jax.tree.structure(numbers), replace(plan, material=None, lights=(), bounces=plan.bounces is None))
         # Outside of a window there is the background, whatever is drawn: a frame is filled with it once.
         frame = None if plan.window is None else jnp.array(_behind(self.scene, numbers))
+        leaves, tree = jax.tree.flatten(numbers)
 
-        def picture(numbers: Any, frame: Array | None) -> Array:
-            return _picture(self.scene, plan, numbers, frame)
+        def picture(leaves: Any, frame: Array | None) -> Array:
+            return _picture(self.scene, plan, jax.tree.unflatten(tree, leaves), frame)
 
         if structure not in self._known:
-            self._known[structure] = jax.jit(picture, donate_argnums=1).lower(numbers, frame).compile()
-        return Program(self._known[structure], numbers, (structure, plan.bounces), frame)
+            self._known[structure] = jax.jit(picture, donate_argnums=1).lower(leaves, frame).compile()
+        return Program(self._known[structure], leaves, (structure, plan.bounces), frame)
 
     def picture(self, plan: Plan) -> Picture:
         """The picture of a plan by steps that plans share: what is seen where, how its points look, both together.
@@ -132,41 +127,62 @@ class Compiler:
             room = self._once(("moments", plan.bounces, plan.cells, dtype, "found"), lambda: step(given))
 
         def look(material: Any, lights: Any, room: Any, block: Array) -> Array:
-            return _shader(plan, {"material": material, "lights": lights}, room)(*map(Vector._make, block))
+            return point_shader(plan, material, lights, room)(*map(Vector._make, block))
 
-        def colours(material: Any, lights: Any, room: Any = None) -> np.ndarray:
-            key = ("look", jax.tree.structure((material, lights, room)), dtype, plan.quadrature, plan.table)
-            blocks = [self._jit(key, look)(material, lights, room, block) for block in points]
-            return np.concatenate(blocks, axis=1)[:, : math.prod(shape)]
+        def in_blocks(step: Any, blocks: list[np.ndarray], shape: tuple[int, ...], *given: Any) -> np.ndarray:
+            found = np.concatenate([step(*given, block) for block in blocks], axis=1)
+            return found[:, : math.prod(shape)].reshape(3, *shape)
 
-        material, lights = numbers["material"], numbers["lights"]
-        if isinstance(material, Surface):
+        def colours(lights: Any, room: Any, *where: Any) -> np.ndarray:
+            def part(*given: Any) -> np.ndarray:
+                key = ("look", jax.tree.structure(given), dtype, plan.quadrature, plan.table)
+                return in_blocks(self._jit(key, look), *where, *given)
+
+            material = numbers["material"]
+            if not isinstance(material, Surface):
+                return part(material, lights, room)
             # What each light brings to each term adds up: a program for each kind of both does for all of them.
             terms = [(Surface(term, allow_unvalidated=True), term.matt) for term in material.terms]
-            pairs = [(one, (light,)) for one, matt in terms for light in lights if matt or not isinstance(light, _MATT_ONLY)]
+            pairs = [
+                (one, (light,), None) for one, matt in terms for light in lights
+                if matt or not isinstance(light, _MATT_ONLY)
+            ]  # fmt: skip
             rest = [(one, (), room) for one, matt in terms if matt and room is not None]
-            colour = sum((colours(*pair) for pair in [*pairs, *rest]), np.zeros((3, math.prod(shape)), dtype))
-        else:
-            colour = colours(material, lights, room)
+            return sum((part(*pair) for pair in [*pairs, *rest]), np.zeros((3, *where[1]), dtype))
+
+        coarse, fine = split(plan, numbers["lights"], room is not None)
+        colour: Any = 0 if plan.grid and not fine else colours(fine, None if plan.grid else room, points, shape)
+        if count := plan.grid:
+            held = self._jit(("grid", count, dtype), lambda shown: Grid.of(shown, count).places())
+            where = self._once(("held", count, dtype), lambda: self._blocks(held(shown)))
+
+            def between(shown: Any, held: Any, block: Array) -> Array:
+                return Grid.of(shown, count).between(held, Vector(*block[1]))
+
+            step = self._jit(("between", count, dtype), between)
+            colour = colour + in_blocks(step, points, shape, shown, colours(coarse, room, *where))
 
         def show(shown: Any, sight: Any, colours: Array) -> Array:
             return _drawn(self.scene, plan, shown, sight, lambda *_: colours)
 
-        image = self._jit(("show", shading, plan.window, dtype), show)(shown, sight, colour.reshape(3, *shape))
+        image = self._jit(("show", shading, plan.window, dtype), show)(shown, sight, colour)
         covered = np.zeros(self.scene.picture.size, bool)
         covered[_part(plan)] = sight[0] if plan.facets is None else sight[0].covered
         return Picture(np.asarray(image), covered)
 
     def _points(self, plan: Plan, shown: Any, sight: Any) -> tuple[list[np.ndarray], tuple[int, ...]]:
+        """What is shaded, as `_blocks` has it."""
+
+        def places(shown: Any, sight: Any) -> Any:
+            return _place(self.scene, plan, shown, sight)
+
+        key = ("places", plan.facets and plan.facets[1], plan.window, plan.dtype)
+        return self._blocks(self._jit(key, places)(shown, sight))
+
+    def _blocks(self, place: Any) -> tuple[list[np.ndarray], tuple[int, ...]]:
         """Points, normals and views, shape (3, 3, points), in blocks of one size; the shape of their fields."""
-
-        def places(shown: Any, sight: Any) -> Array:
-            return jnp.stack(jnp.broadcast_arrays(*_fields(_place(self.scene, plan, shown, sight))))
-
-        fields = np.asarray(
-            self._jit(("places", plan.facets and plan.facets[1], plan.window, plan.dtype), places)(shown, sight)
-        )
-        rows, size = fields.reshape(9, -1), min(_BLOCK, math.prod(self.scene.picture.size))
+        fields = np.stack(np.broadcast_arrays(*_fields(place)))
+        rows, size = fields.reshape(9, -1), min(BLOCK, math.prod(self.scene.picture.size))
         rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % size)), mode="edge")
         return [block.reshape(3, 3, -1) for block in np.split(rows, rows.shape[1] // size, axis=1)], fields.shape[1:]
 
@@ -183,7 +199,7 @@ class Compiler:
             self._known[key] = make()
         return self._known[key]
 
-    def _jit(self, key: Any, function: Callable[..., Array]) -> Any:
+    def _jit(self, key: Any, function: Callable[..., Any]) -> Any:
         return self._once(key, lambda: jax.jit(function))
 
     def seeing(self, plan: Plan) -> tuple[float, int]:
@@ -222,18 +238,52 @@ class Compiler:
         return self._once(("work", *key, dtype), lambda: work_of(program, loops, jnp.dtype(dtype).itemsize))
 
     def shading(self, plan: Plan) -> float:
-        """The work at one point. By materials, lights, the rule for the albedo, and precision alone."""
-        # Of any facets those of the scene, shaded in every pixel: the same number whatever is asked for first.
-        exact = replace(plan, facets=None if plan.facets is None else (None, "phong"), dtype="float64", window=None)
-        numbers = self._numbers(exact)
-        material, moments = numbers["material"], None if self.scene.room is None else jnp.ones(10)
-        place, points = self._seen(exact)[1], _points(self.scene, exact)
+        """The work at one point that is seen. By materials, lights, the rule for the albedo, and precision alone."""
+        _, fine = split(plan, plan.lights, self.scene.room is not None)
+        work = self._lit(plan, fine, self.scene.room is not None and plan.grid is None)
+        return work if plan.grid is None else work + self._grid(plan, plan.grid)[1]
+
+    def grid(self, plan: Plan) -> float:
+        """The work of all points of a grid, 0 where there is none."""
+        if (count := plan.grid) is None:
+            return 0.0
+        coarse, _ = split(plan, plan.lights, self.scene.room is not None)
+        return self._grid(plan, count)[0] + count**2 * self._lit(plan, coarse, self.scene.room is not None)
+
+    def _grid(self, plan: Plan, count: int) -> tuple[float, float]:
+        """The work of laying a grid out, and of a pixel between its points."""
+
+        def between(sphere: Any, place: Any) -> Array:
+            return Grid.of(sphere, count).between(jnp.zeros((3, count, count)), Vector(*place[1]))
+
+        def both() -> tuple[float, float]:
+            exact, numbers, place = self._everywhere(plan)
+            sphere = {name: numbers[name] for name in _SPHERE}
+            laid = self._work(("grid", count), plan.dtype, lambda sphere: Grid.of(sphere, count).places(), sphere)
+            return laid, self._work(("between", count), plan.dtype, between, sphere, place) / _points(self.scene, exact)
+
+        return self._once(("grid works", count, plan.dtype), both)
+
+    def _everywhere(self, plan: Plan) -> tuple[Plan, Any, Any]:
+        """Whatever of the scene is seen, shaded in every pixel: the same plan, numbers and places whatever is asked first."""
+        exact = replace(plan, facets=None if plan.facets is None else (None, "phong"), dtype="float64", window=None, grid=None)
+        return exact, self._numbers(exact), self._seen(exact)[1]
+
+    def _lit(self, plan: Plan, some: Sequence[Any], room: bool) -> float:
+        """The work at one point, of some of the plan's lights: the same whatever their numbers are, and the grid."""
+        shapes = [(jax.tree.structure(light), str(jax.tree.map(jnp.shape, light))) for light in some]
+        key = ("lit", jax.tree.structure(plan.material), *shapes, room, plan.quadrature, plan.table, plan.dtype)
+        return self._once(key, lambda: self._lit_anew(plan, some, room))
+
+    def _lit_anew(self, plan: Plan, some: Sequence[Any], room: bool) -> float:
+        exact, numbers, place = self._everywhere(replace(plan, lights=tuple(some)))
+        material, moments = numbers["material"], jnp.ones(10) if room else None
 
         def work(lights: tuple[Any, ...]) -> float:
             parts = {"material": material, "lights": lights}
-            key = ("shading", jax.tree.structure(parts), plan.quadrature, plan.table)
-            shader = lambda parts, place: _shader(exact, parts, moments)(*place)  # noqa: E731
-            return self._work(key, plan.dtype, shader, parts, place) / points
+            key = ("shading", jax.tree.structure(parts), room, plan.quadrature, plan.table)
+            shader = lambda parts, place: point_shader(exact, parts["material"], parts["lights"], moments)(*place)  # noqa: E731
+            return self._work(key, plan.dtype, shader, parts, place) / _points(self.scene, exact)
 
         # Lights of one kind cost alike, each after the first of them.
         kinds: dict[Any, list[Any]] = {}
@@ -313,30 +363,7 @@ def _of_scene(scene: Scene, plan: Plan) -> dict[str, Any]:
 
 def _picture(scene: Scene, plan: Plan, numbers: Mapping[str, Any], frame: Array | None) -> Array:
     moments = None if scene.room is None else _moments(plan, numbers)
-    return _drawn(scene, plan, numbers, _sight(scene, plan, numbers), _shader(plan, numbers, moments), frame)
-
-
-def _shader(plan: Plan, numbers: Mapping[str, Any], moments: Array | None) -> Shader:
-    """What a point looks like, in a room whose radiance at the object has these `moments`, if there is one."""
-    lights, material = list(numbers["lights"]), numbers["material"]
-    simpler = plan.quadrature is not None or plan.table is not None
-    surroundings = [light for light in lights if isinstance(light, Environment) and simpler]
-    others = [light for light in lights if not any(light is one for one in surroundings)]
-
-    def shader(point: Any, normal: Any, view: Any) -> Array:
-        color = shade(material, others, point, normal, view)
-        if surroundings and plan.table is not None:
-            color = color + _looked_up(material, surroundings, dot(normal, view), plan.table)
-        elif surroundings:
-            for light in surroundings:
-                color = color + _surrounded(material, light, dot(normal, view), plan.quadrature or 0)
-        if moments is not None:
-            arriving = irradiance(moments, Vector(*normal)) / np.pi
-            matt = sum((term.albedo() for term in material.terms if term.matt), jnp.zeros((), arriving.dtype))
-            color = color + spread(matt, arriving.ndim) * arriving
-        return color
-
-    return shader
+    return _drawn(scene, plan, numbers, _sight(scene, plan, numbers), shader_of(plan, numbers, moments), frame)
 
 
 def _moments(plan: Plan, numbers: Mapping[str, Any]) -> Array:
@@ -403,37 +430,3 @@ def _place(scene: Scene, plan: Plan, numbers: Mapping[str, Any], sight: Any) -> 
 
     _drawn(scene, plan, numbers, sight, catch)
     return caught[0]
-
-
-def _looked_up(material: Surface, lights: Sequence[Environment], cosine: Array, entries: int) -> Array:
-    """What a surface reflects of uniform surroundings, between its values at `entries` equidistant cosines of the view."""
-    mu = jnp.linspace(0, 1, entries, dtype=cosine.dtype)
-    zero, one = jnp.zeros_like(mu), jnp.ones_like(mu)
-    view = Vector(jnp.sqrt(1 - mu * mu), zero, mu)
-    table = shade(material, lights, Vector(zero, zero, zero), Vector(zero, zero, one), view)
-    place = jnp.clip(cosine, 0, 1) * (entries - 1)
-    below = jnp.minimum(place.astype(jnp.int32), entries - 2)
-    share = place - below.astype(place.dtype)
-    return table[:, below] * (1 - share) + table[:, below + 1] * share
-
-
-def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int) -> Array:
-    """What a surface reflects of a uniform surrounding: the albedos of its terms, by a rule in one dimension."""
-    total = jnp.zeros((3,) + (1,) * cosine.ndim, cosine.dtype)
-    for term in material.terms:
-        brdf, core = term.brdf, term.brdf.core
-        if isinstance(core, Lambert):
-            total = total + spread(light.intensity * term.albedo().astype(cosine.dtype), cosine.ndim)
-        elif isinstance(core, AbstractZonalLobe) and isinstance(brdf, AbstractBRDF):
-            core = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, core)
-
-            def albedo(mu: Array, core: AbstractZonalLobe = core) -> Array:
-                order = Order(nodes, nodes)
-                versines, weights = zonal_weights(core.form, mu, core.breaks(), core.width(), (order,))
-                return jnp.sum(weights[0] * core.profile(versines)) * core.amplitude()
-
-            flat = jnp.clip(cosine, 0, 1).reshape(-1)
-            value = jax.lax.map(albedo, flat, batch_size=min(_BLOCK, flat.size)).reshape(cosine.shape)
-            factor = jnp.asarray(brdf.gain(jnp.ones((), cosine.dtype)), cosine.dtype)
-            total = total + spread(light.intensity * term.tint, cosine.ndim) * (factor * value)
-    return total
