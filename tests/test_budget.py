@@ -232,10 +232,10 @@ def test_of_many_lights_not_every_number_is_tried_and_each_kind_is_traced_once(m
     assert [float(light.intensity[0]) for light in brightest] == pytest.approx([0.1 * 0.8**k for k in range(5)])
 
 
-ASIDE = {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}
+FROM_ABOVE = {"kind": "orthographic", "half_height": 4, "eye": [1, 2, 5], "target": [1, 0, 0]}
 
 
-@pytest.mark.parametrize("camera", few([FAR, ASIDE], (FAR,)))
+@pytest.mark.parametrize("camera", few([FAR, FROM_ABOVE], (FAR,)))
 @pytest.mark.parametrize("shape", few([{"geometry": {"kind": "icosphere", "level": 2}}, {}], ({},)))
 def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
     scene = scenes.parse_scene({**GLOSSY, "size": [40, 60], "camera": camera, "background": [0.1, 0.2, 0.3], **shape})
@@ -639,6 +639,7 @@ def test_a_grid_holds_what_areas_send_and_rays_only_where_there_is_nothing_else(
     assert split(knobs.plan_of(scenes.parse_scene(document), {}), lights, True) == ((), lights)
 
 
+@pytest.mark.slow
 def test_a_grid_is_chosen_where_each_pixel_is_dear():
     scene = {"size": 80, "material": MATT, "lights": [PANEL]}
     found = brdfcheck.budget(scene, "4/255")
