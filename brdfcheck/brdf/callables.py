@@ -20,7 +20,7 @@ import numpy as np
 from brdfcheck.brdf.blame import Finding as Finding
 from brdfcheck.brdf.blame import told
 from brdfcheck.brdf.calling import name_of as name_of
-from brdfcheck.brdf.ways import Caller, sample
+from brdfcheck.brdf.ways import Caller, calm, sample
 from brdfcheck.runtime import double_precision, understood
 
 BLOCK = 760
@@ -249,10 +249,11 @@ class Evaluator:
             view = np.stack(_turned(turn[rows], wo[:, mine]))
             light = np.array(np.broadcast_to(wi[:, rows] if wi.ndim == 3 else wi[:, rows, None], view.shape))
             place = parameters[rows]
-            calls = [
-                self._numpy_call(place[low], *(part[:, low:high].reshape(3, -1).T for part in (light, view)), own=True)
-                for low, high in self._calls(place)
-            ]
+            with calm():
+                calls = [
+                    self._numpy_call(place[low], *(part[:, low:high].reshape(3, -1).T for part in (light, view)), own=True)
+                    for low, high in self._calls(place)
+                ]
             return np.concatenate(calls).reshape(count, BLOCK, -1)
         # Where each direction has a light of its own there is no table to choose from.
         size, first = _TABLE if wi.ndim == 2 else self._rows, int(mine.min())
@@ -266,7 +267,7 @@ class Evaluator:
         views = tuple(_filled_up(part[:size], size) for part in wo)
         began = time.perf_counter()
         try:
-            with np.errstate(all="ignore"), double_precision():
+            with calm():
                 values = np.asarray(self._program(-(-count // self._group), which, views, parameters, turn, light))[:count]
         except Exception as error:
             raise Finding(f"{self._name} raised {told(error)}") from error
@@ -369,7 +370,7 @@ class Evaluator:
 
         def evaluate(place: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             try:
-                with np.errstate(all="ignore"), double_precision():
+                with calm():
                     values = np.asarray(program([np.asarray(value) for value in place], wi, wo))
             except Exception as error:
                 raise Finding(f"{self._name} raised {told(error)}") from error

@@ -5,10 +5,11 @@ Nothing is guessed: the first way counts that gives a number, or numbers, for ea
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import CellType, CodeType, FunctionType
 from typing import Any, Literal
 
@@ -136,7 +137,8 @@ class Caller:
 
     def _one_by_one(self, place: np.ndarray) -> list[np.ndarray]:
         """Plain answers for some pairs of directions."""
-        return self._guarded(place, lambda: answers_one_by_one(self._directional(place), *sample()))
+        with calm():
+            return self._guarded(place, lambda: answers_one_by_one(self._directional(place), *sample()))
 
     def _misread(self, place: np.ndarray) -> bool:
         """True where a function of one pair, called plainly, has other values than by jax.vmap."""
@@ -149,7 +151,7 @@ class Caller:
             return not isinstance(finding.__cause__, (AttributeError, TypeError))
         except ValueError:  # a number for some, for others several
             return False
-        with double_precision(), np.errstate(all="ignore"):
+        with calm():
             traced = np.asarray(self.brdf(place)(*map(jnp.asarray, sample())))
             rounding = max(1e-7, 1e4 * float(jnp.finfo(traced.dtype).eps) if traced.dtype.kind == "f" else 0.0)
         return not np.allclose(traced, plain, rtol=rounding, atol=rounding * 1e-9, equal_nan=True)
@@ -196,7 +198,7 @@ class Caller:
         def values(parameters: Any, wi: Any, wo: Any) -> Any:
             return (brdf or self.brdf(parameters))(wi, wo)
 
-        with double_precision(), np.errstate(all="ignore"):
+        with calm():
             parameters = tuple(jax.ShapeDtypeStruct((), np.float64) for _ in place)
             direction = jax.ShapeDtypeStruct(wi.shape, np.float64)
             found = jax.eval_shape(values, parameters, direction, direction)
@@ -208,10 +210,11 @@ class Caller:
     def called(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, *, own: bool = False) -> np.ndarray:
         """One call of the plain function. It gets arrays of its own: it may write to them.
 
-        `own`: these are, and they lie in memory component by component.
+        `own`: these are, and they lie in memory component by component; the call is within `calm`.
         """
         pairs = [part if own and self._order == "F" else np.array(part, order=self._order) for part in (wi, wo)]
-        result = self._guarded(parameters, lambda: self._bound(parameters)(*pairs))
+        with contextlib.nullcontext() if own else calm():
+            result = self._guarded(parameters, lambda: self._bound(parameters)(*pairs))
         try:
             return np.asarray(result)
         except Exception as error:
@@ -238,8 +241,7 @@ class Caller:
     def _guarded(self, parameters: np.ndarray, call: Callable[[], Any]) -> Any:
         """What a call of the plain function gives; what it raises is a Finding."""
         try:
-            with np.errstate(all="ignore"), double_precision():
-                return call()
+            return call()
         except Finding:
             raise
         except Exception as error:
@@ -267,6 +269,13 @@ class Caller:
             f"{self.name} returned shape {shape} for directions of shape ({count}, 3); expected ({count},) or"
             f" ({count}, channels): {INDEXING}"
         )
+
+
+@contextlib.contextmanager
+def calm() -> Iterator[None]:
+    """Within it users' functions compute in float64, and numpy does not warn."""
+    with np.errstate(all="ignore"), double_precision():
+        yield
 
 
 def _of_components(function: Any) -> bool:

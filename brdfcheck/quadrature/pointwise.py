@@ -44,6 +44,8 @@ _LEVELS = (GradedRule(10, 4, 4, 5, 1e-3), GradedRule(20, 8, 7, 10, 1e-4), Graded
 _COMPANION = GradedRule(7, 3, 3, 3, 1e-3)
 # The cosine of a direction above which the sign of a value is not that of a rounding.
 _STEEP = 1e-5
+# How many rows of nodes are kept at a time for points of a function of numpy.
+_ROWS = 2048
 # The accuracy at which engines 1 and 2 are asked on the levels (None: their best).
 _QUICK_RTOL = 1e-3
 
@@ -293,11 +295,16 @@ class PointwiseAlbedo:
             if len(rules) > 1:
                 value[1, points] = sums[:, blocks[0] :].sum(axis=1)
 
-        # A function of numpy is called with points of the same parameters together; else those of the same cosine share nodes.
-        order = np.lexsort(parameters.T[::-1]) if evaluator.slow and self.swept else np.argsort(mu, kind="stable")
         cores = 1 if evaluator.slow else len(available_cores())
-        most = max(1, min(evaluator.at_once // sum(blocks), -(-len(mu) // cores)))
-        pieces = [order[i : i + most] for i in range(0, len(mu), most)]
+        if evaluator.slow:
+            # Called with points of the same parameters together, as far as the nodes of all cosines fit into memory.
+            group = np.unique(mu, return_inverse=True)[1] // max(1, _ROWS // sum(blocks))
+            order = np.lexsort([*parameters.T[::-1], group])
+            pieces = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
+        else:
+            order = np.argsort(mu, kind="stable")
+            most = max(1, min(evaluator.at_once // sum(blocks), -(-len(mu) // cores)))
+            pieces = [order[i : i + most] for i in range(0, len(mu), most)]
         if not evaluator.traced and len(pieces) > 1:
             piece(pieces.pop(0))
         side_by_side(piece, pieces, most=cores)

@@ -24,9 +24,9 @@ _SECOND, _THIRD, _LAST = 512, 64, 512
 _DOUBTFUL = 4096
 # What is this much lower than the best cannot become the best by a finer rule, beyond its own error.
 _MARGIN = 1e-3
-# How many points that stand out are looked at again at the angles of the winner; of how many that do, upwards or downwards, the
-# parameters are looked at again at all angles, and at how many of these.
-_ECHOES, _ODD, _ODD_ANGLES = 96, 16, 33
+# How many points that stand out are looked at again at the angles of the winner; of how many that do, upwards or downwards, and
+# are so far apart, the parameters are looked at again at all angles, and at how many of these.
+_ECHOES, _ODD, _ODD_APART, _ODD_ANGLES = 96, 16, 4e-3, 33
 _BETWEEN = np.arange(-3, 4) / 4
 # Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned, mostly; between which
 # angles (radians), and how many of those that changed more are looked at for their rounding.
@@ -252,7 +252,11 @@ class Scan:
             echoes[1][:, -1] = winner[-1]
         # In a narrow range of a parameter the albedo may be lower than around it at most angles, and the highest at others.
         off = np.abs(values - plane)
-        odd = np.unique([np.argsort(-off)[:_ODD], np.argsort(-off / (points.errors[good] + 1e-9))[:_ODD]])
+        orders = np.stack([np.argsort(-off), np.argsort(-off / (points.errors[good] + 1e-9))], axis=1).ravel()
+        odd: list[int] = []
+        for row in orders[: 32 * _ODD]:
+            if len(odd) < _ODD and np.all(np.max(np.abs(places[odd] - places[row])[:, :swept], axis=1) > _ODD_APART):
+                odd.append(row)
         echoes.append(self.at_all_angles(places[odd]))
         # One parameter at a time with all else as for the winner, and with the point's own angle: what is narrow in both.
         few = places[ranked[: _ECHOES // 2]]
@@ -264,7 +268,7 @@ class Scan:
         return np.concatenate(echoes)
 
     def at_all_angles(self, places: np.ndarray) -> np.ndarray:
-        """The parameters (and azimuths) of some places at all angles, closer together about the highest albedos."""
+        """The parameters (and azimuths) of some places at the angles about which the albedo is the highest, of all."""
         angle = self.surface.angle
         if angle is None or not len(places):
             return places
@@ -274,16 +278,17 @@ class Scan:
             lines[..., angle] = angles
             return lines.reshape(-1, places.shape[1])
 
-        found = np.tile(np.linspace(0, 1, _ODD_ANGLES), (len(places), 1))
-        value = np.pad(self.surface.estimate(0, at(found))[0].reshape(found.shape), ((0, 0), (1, 1)), constant_values=-np.inf)
+        every = np.tile(np.linspace(0, 1, _ODD_ANGLES), (len(places), 1))
+        value = np.pad(self.surface.estimate(0, at(every))[0].reshape(every.shape), ((0, 0), (1, 1)), constant_values=-np.inf)
         crest = (value[:, 1:-1] >= value[:, :-2]) & (value[:, 1:-1] >= value[:, 2:])
         tops = np.argsort(-np.where(crest, value[:, 1:-1], -np.inf), axis=1)[:, :2] / (_ODD_ANGLES - 1)
+        found = []
         for step in (1, 1 / 4, 1 / 16):
             beside = np.clip(tops[..., None] + step * _BETWEEN / (_ODD_ANGLES - 1), 0, 1)
             value = self.surface.estimate(0, at(beside.reshape(len(places), -1)))[0].reshape(beside.shape)
             tops = np.take_along_axis(beside, np.argmax(value, axis=2)[..., None], 2)[..., 0]
-            found = np.concatenate([found, beside.reshape(len(places), -1)], axis=1)
-        return at(found)
+            found.append(beside.reshape(len(places), -1))
+        return at(np.concatenate(found, axis=1))
 
     def width(self, places: np.ndarray | None) -> dict[str, float]:
         """The widest region that scans may have missed: the largest gaps between points, axis by axis and in all.

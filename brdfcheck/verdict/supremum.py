@@ -49,7 +49,7 @@ _AGAIN = 4
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
 _LINE, _RIVALS = 513, 24
 # Which part of a line is far enough from a place for it to stand out, and how many places that do are looked at again.
-_BESIDE, _ODD = 64, 6
+_BESIDE, _ODD = 64, 3
 # How many scanned points are confirmed at a time, and of a BRDF with jumps.
 _CONFIRMED, _CONFIRMED_JUMPS = 16, 4
 # Parameters at which all decades towards grazing are looked at, besides the corners.
