@@ -2,7 +2,7 @@
 
 Command: ``brdfcheck study user_brdfs``. For an older version's times, ``--given`` the folder of its checkout.
 
-Answer: 3 to 29 seconds on two cores, 5 in the median, 1.5 times as fast as before in the median, 10 times at best and 0.7 times
+Answer: 3 to 20 seconds on two cores, 5 in the median, 1.5 times as fast as before in the median, 10 times at best and 0.9 times
 at worst; brute force finds no larger albedo in any of 14 families, before it did in one.
 
 Twelve kinds of BRDF in plain JAX or numpy (_instruments/user_families.py), two in two forms, over all their parameters. Each
