@@ -281,10 +281,9 @@ FACETS = {"size": 20, "geometry": {"kind": "icosphere", "level": 2}, **{key: GLO
             marks=pytest.mark.slow,
         ),
         ({**GLOSSY, "size": 24}, [{}, {"grid": "9 x 9"}]),
-        (FACETS, [{}, {"facets": "80 faces, flat"}]),
         pytest.param(
             FACETS,
-            [{}, {"facets": "the sphere itself"}, *({"facets": f"80 faces, {name}"} for name in ("Gouraud", "Phong"))],
+            [{}, {"facets": "the sphere itself"}, *({"facets": f"80 faces, {name}"} for name in ("flat", "Gouraud", "Phong"))],
             marks=pytest.mark.slow,
         ),
         (
@@ -608,7 +607,10 @@ def test_lights_that_do_not_matter_are_left_out():
 @pytest.mark.parametrize(
     ("material", "lights", "camera", "nearly"),
     [
-        (MATT, [{**PANEL, "vertices": [[3, -1, -9], [3, 1, -9], [-3, 1, -9], [-3, -1, -9]]}], ASIDE, 6e-4),
+        pytest.param(
+            MATT, [{**PANEL, "vertices": [[3, -1, -9], [3, 1, -9], [-3, 1, -9], [-3, -1, -9]]}], ASIDE, 6e-4,
+            marks=pytest.mark.slow,
+        ),
         (
             GLOSSY["material"], [{**GLOSSY["lights"][0], "position": [-3, 1, -5]}],
             {"kind": "orthographic", "eye": [-1, -2, -3], "half_height": 0.9}, 1.2e-2,  # it has a sharp highlight

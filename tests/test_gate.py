@@ -166,6 +166,10 @@ def test_a_list_of_values_and_a_whole_file(run: Run, write: Write, here: Path) -
     assert code == ExitCode.FAILED
     names = [result["name"] for result in json.loads((here / "found.json").read_text())["results"]]
     assert names == ["mine.py:matt k=0.5", "mine.py:bright", "mine.py:matt k=1", "mine.py:matt k=2"]
+    code, out, _ = run("check", "mine.py:*", "--over", "k=1", "--effort", "quick", "-k", "Matt")
+    assert code == ExitCode.PASSED
+    assert "bright" not in out
+    assert "no name contains 'gloss'" in run("check", "mine.py:*", "-k", "gloss")[2]
     write("mine.py", MINE + '__all__ = ["matt"]\n')
     code, out, _ = run("check", "mine.py:*", "--over", "k=1", "--effort", "quick")
     assert code == ExitCode.PASSED

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -291,6 +292,24 @@ def test_watching_is_a_process_that_checks_again(write: Write, here: Path) -> No
             process.kill()
     assert "VIOLATES" in first[1]
     assert "albedo 0.7500000000" in second[1]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="looks for processes in /proc")
+def test_ctrl_c_ends_a_watch_and_what_it_runs_with_one_line(write: Write) -> None:
+    words = [sys.executable, "-m", "brdfcheck", "check", "mine.py:bright", "--watch"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(brdfcheck.__file__).parent.parent)}
+    streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
+    with subprocess.Popen(words, start_new_session=True, **streams) as process:
+        try:
+            children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+            while not children.read_text():
+                time.sleep(0.01)
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+            _, told = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert process.returncode == ExitCode.INTERRUPTED
+    assert told == "brdfcheck: interrupted\n"
 
 
 def test_a_subject_that_is_new_is_watched_too(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,7 +42,7 @@ def from_file(folder, name, **changes):
     return parse_scene({"size": 16, "material": MATT, "lights": LIGHTS, "geometry": geometry} | changes, folder=folder)
 
 
-@pytest.mark.parametrize("ending", few(["obj", "ply", "stl", "glb"], ("stl", "glb")))
+@pytest.mark.parametrize("ending", few(["obj", "ply", "stl", "glb"], ("glb",)))
 def test_meshes_of_files_are_the_meshes_that_were_written(tmp_path, ending):
     trimesh.creation.icosphere(2).export(tmp_path / f"ball.{ending}")
     read = from_file(tmp_path, f"ball.{ending}")

@@ -97,7 +97,11 @@ def config(tmp_path):
     ("document", "tolerance"),
     [
         ({"brdf": "binomial-power-half", "axes": {"n": {"geomspace": [0.3, 1000, 70]}, "cos_theta": [0.0, 0.3, 1.0]}}, 1e-11),
-        ({"brdf": "phong", "rule": "zonal", "axes": {"cos_theta": {"linspace": [0.1, 1, 7]}, "n": [1, 10, 300]}}, 1e-11),
+        pytest.param(
+            {"brdf": "phong", "rule": "zonal", "axes": {"cos_theta": {"linspace": [0.1, 1, 7]}, "n": [1, 10, 300]}},
+            1e-11,
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             {"brdf": "lambert", "axes": {"reflectance": [0.0, 0.5, 1.0], "cos_theta": [0.5, 1.0]}},
             1e-12,

@@ -398,12 +398,12 @@ def resolve(
     how shader files are read; `modules`: users' Python files loaded so far, which load only once. Raises UsageError.
     """
     modules = {} if modules is None else modules
-    every = list(dict.fromkeys(part for name in names for part in _spread(name, modules)))
+    every = list(dict.fromkeys(part for name in names for part in spread(name, modules)))
     known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
     return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)
 
 
-def _spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
+def spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
     """The name, or for ``file.py:*`` the specs of all that the file offers."""
     path, _, last = name.rpartition(":")
     return offered(path, modules) if last == "*" and path else [name]

@@ -134,9 +134,10 @@ def check_command(
         own = {**options, "effort": effort or "normal"}
         wanted = tuple(names or project.validated())
         requests = Request(wanted, ranges, cos_theta, how, **own).apart()
-    requests = project.filtered(requests, substring)
     if watch:
-        return project.watched(requests, gate, substring)
+        return project.watched(project.filtered(requests, substring), gate, substring)
+    modules: dict[str, Any] = {}
+    requests = project.filtered(requests, substring, modules)
     settings = _settings(
         substring,
         tolerance,
@@ -152,7 +153,7 @@ def check_command(
     began = time.perf_counter()
     verdicts = Verdicts(not no_cache and (gate is None or gate.document.cache))
     with contextlib.redirect_stdout(sys.stderr):
-        known, modules = [verdicts.found(request) for request in requests], {}
+        known = [verdicts.found(request) for request in requests]
         if None in known:  # JAX takes a second, which verdicts that are known do not need
             start()
         cases = [

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from brdfcheck.cli.app import NothingToCheck
+from brdfcheck.cli.app import NothingToCheck, start
 from brdfcheck.cli.output import Output, refused
 from brdfcheck.gate.requests import Case, Request
 from brdfcheck.gate.sources import watched as files_of
+from brdfcheck.interruption import Cleanup
 from brdfcheck.messages import UsageError
 
 if TYPE_CHECKING:
@@ -88,13 +89,24 @@ def validated() -> list[str]:
     return [entry.name for entry in catalog.entries() if entry.validated]
 
 
-def filtered(requests: Sequence[Request], substring: str) -> list[Request]:
-    """The requests of which a name contains the text, in either case, and of these those names. NothingToCheck for none."""
+def filtered(requests: Sequence[Request], substring: str, modules: dict[str, Any] | None = None) -> list[Request]:
+    """The requests of which a name contains the text, in either case, and of these those names. NothingToCheck for none.
+
+    What ``file.py:*`` names is looked up in `modules`, users' files loaded so far; where they are None it is kept as it is.
+    """
     from dataclasses import replace
 
     found = []
     for request in requests:
-        names = tuple(name for name in request.names if substring.lower() in name.lower())
+        every = request.names
+        if substring and modules is not None and any(name.endswith(":*") for name in every):
+            from brdfcheck.brdf.subject import spread
+
+            start()
+            with contextlib.redirect_stdout(sys.stderr):
+                every = tuple(part for name in every for part in spread(name, modules))
+        kept = (name for name in every if substring.lower() in name.lower() or (modules is None and name.endswith(":*")))
+        names = tuple(dict.fromkeys(kept))
         if names:
             found.append(request if names == request.names else replace(request, names=names))
     if not found:
@@ -148,8 +160,14 @@ def watched(requests: Sequence[Request], gate: Gate | None, substring: str = "")
 
     if not files():
         raise UsageError("--watch: BRDFs of the catalogue are in no file that could be saved")
-    again(lambda: subprocess.run(command, check=False).returncode, files, lambda: _saved(files()))
+    again(lambda: _run(command), files, lambda: _saved(files()))
     return 0
+
+
+def _run(command: Sequence[str]) -> None:
+    """Run a command that ends with this one, and leaves it to say so."""
+    with subprocess.Popen(command, process_group=0) as child, Cleanup(child.kill):
+        child.wait()
 
 
 def _saved(files: set[Path]) -> None:
