@@ -325,6 +325,22 @@ def test_it_is_told_where_the_term_at_fault_is_nothing_in_the_middle(weight, lea
     assert any("other values than one by one" in finding for finding in report.findings), report.findings
 
 
+def test_an_answer_in_room_that_is_written_to_again_is_kept():
+    room = np.empty(10**5)
+
+    def f(wi, wo):
+        return np.power(np.maximum(wi[:, 2] * wo[:, 2], 0), 2, out=room[: len(wo)])
+
+    def fresh(wi, wo):
+        return np.power(np.maximum(wi[:, 2] * wo[:, 2], 0), 2)
+
+    parameters = np.linspace(0, 1, 9)[:, None]
+    points = parameters, np.linspace(0.1, 1, 9), np.zeros(9)
+    kept, right = (PointwiseAlbedo(Family("f", lambda k, f=f: lambda wi, wo: f(wi, wo), {"k": (0.0, 1.0)})) for f in (f, fresh))
+    np.testing.assert_array_equal(kept.estimate(*points, 0), right.estimate(*points, 0))
+    np.testing.assert_array_equal(kept(*points, rtol=1e-5), right(*points, rtol=1e-5))
+
+
 def random_while_traced(wi, wo):
     return np.random.default_rng().uniform(0, 1, len(wo)) + 0 * wo[..., 2]
 

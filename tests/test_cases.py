@@ -487,6 +487,17 @@ def test_a_sector_of_azimuths_is_seen_in_single_precision(width: float) -> None:
     assert report.azimuth == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("change", [5e-8, 4e-9])
+def test_a_change_with_the_azimuth_above_the_tolerance_is_seen(change: float) -> None:
+    def f(wi: Any, wo: Any) -> Any:
+        turned = jnp.cos(2 * (jnp.arctan2(wi[..., 1], wi[..., 0]) - 1.2))
+        return (1 + change * turned) / jnp.pi + 0 * wo[..., 2]
+
+    report = check(f, effort="quick")
+    assert report.verdict is VIOLATES
+    assert abs(report.albedo - 1 - change) <= report.error
+
+
 def test_the_axes_of_a_brushed_surface_need_not_be_those_of_the_box() -> None:
     ranges = {"weight": (0.0, 1.0), "f0": (0.0, 1.0), "ax": (0.01, 1.0), "ay": (0.01, 1.0)}
     assert PointwiseAlbedo(Family("brushed", cases.brushed, ranges)).anisotropic

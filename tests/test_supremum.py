@@ -284,6 +284,15 @@ def test_the_theorem_on_facets_asks_for_its_premises():
     assert judge(found.value, found.error) is Verdict.VIOLATES
 
 
+def test_the_theorem_on_facets_asks_what_a_lobe_holds_now():
+    lobe = eqx.tree_at(lambda lobe: lobe.f0, GGX(0.3, 0.5), jnp.asarray(2.0))
+    assert GGX(0.3, 0.5).bounded
+    assert not lobe.bounded
+    found = largest(lambda: lobe)
+    assert found.basis == "search"
+    assert found.value > 1
+
+
 def test_the_search_tells_how_far_it_is():
     told: list[tuple[int, float]] = []
     albedo = Planted(lambda p, mu, _: 0.9 - (p[:, 0] - 0.3) ** 2 - (mu - 0.6) ** 2, {"a": (0.0, 1.0)})

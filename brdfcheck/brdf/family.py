@@ -85,7 +85,7 @@ def examples(ranges: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
     """Where a family is asked for what it is: in the middle, off it and at corners (somewhere it may be nothing at all)."""
     inside = [tuple((1 - part) * low + part * high for low, high in ranges) for part in (0.5, 0.37)]
     drawn = random.Random(5)
-    tilted = [tuple(drawn.uniform(low, high) for low, high in ranges) for _ in range(4)]
+    tilted = [tuple(drawn.uniform(low, high) for low, high in ranges) for _ in range(12)]
     return list(dict.fromkeys([*inside, *tilted, *corners(ranges, 64)]))
 
 

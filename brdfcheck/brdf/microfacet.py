@@ -110,7 +110,11 @@ class _FacetLobe(AbstractMicrofacetLobe):
         $\int F G D (\omega_i \cdot h)^+ dh / (N \cdot \omega_i)$ over those h that reflect above the horizon, and
         $G \le G_1(\omega_i)$, $F \le 1$ (Heitz 2014, Understanding the Masking-Shadowing Function).
         """
-        return self.masking != "none" and self.scale() == 1 and self.passive
+        leaves = self.f0, getattr(self, "weights", 1.0)
+        abstract = any(isinstance(leaf, (Tracer, jax.ShapeDtypeStruct)) for leaf in jax.tree.leaves(leaves))
+        # Of a lobe, which is a pytree, they may be others than it was made with.
+        passive = self.passive and (abstract or _reflects_at_most_all(*leaves))
+        return self.masking != "none" and self.scale() == 1 and passive
 
     @abc.abstractmethod
     def distribution(self, half_cosine: Float[Array, "..."], half_sine_squared: Float[Array, "..."]) -> Float[Array, "..."]:

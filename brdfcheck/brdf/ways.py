@@ -216,7 +216,7 @@ class Caller:
         with contextlib.nullcontext() if own else calm():
             result = self._guarded(parameters, lambda: self._bound(parameters)(*pairs))
         try:
-            return np.asarray(result)
+            return np.array(result)  # it may be room that the function writes to again
         except Exception as error:
             raise Finding(f"{self.name} returned {type(result).__name__}, not an array of numbers") from error
 

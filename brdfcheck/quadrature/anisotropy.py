@@ -9,6 +9,10 @@ from brdfcheck.brdf.family import examples
 
 TREMORS = np.array([0, 3e-7, 1e-6, -2e-6, -5e-7, 2.3e-6, -3.1e-6, 1.7e-6])
 """Turns (radians) that change nothing but how values round."""
+CLEAN = 3e-10
+"""Changes below this part of a value do not matter to a verdict."""
+# Those above this part are seen at once.
+_CLEAR = 1e-6
 # Pairs that change in a way that rounding cannot: fewer are an accident.
 _SECTOR = 4
 
@@ -52,22 +56,22 @@ def turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float
         scale = np.maximum(np.abs(first), np.abs(second))
         peak = np.max(scale, axis=(0, 1), where=np.isfinite(scale), initial=0.0)
         change = np.abs(first - second)
-        clean = max(1e-6, 32 * evaluator.epsilon)
-        suspects = change > clean * scale + 1e-12 * peak
-        if not np.any(suspects):
+        clean = max(CLEAN, 32 * evaluator.epsilon)
+        if not np.any(change > clean * scale + 1e-12 * peak):
             return False
         noise = np.maximum.reduce([np.abs(turned(step) - first) for step in (3e-7, 1e-6, -2e-6)])
+        told = (scale > 1e-12 * peak) & np.isfinite(scale)
         if evaluator.epsilon > 1e-10:
             # Single precision: rounding changes all values, most of them a little and some a lot; compare the usual changes.
-            told = (scale > 1e-12 * peak) & np.isfinite(scale)
             usual, least = (float(np.median((part / scale)[told])) if np.any(told) else 0.0 for part in (change, noise))
-            if usual > 5 * least + 4 * evaluator.epsilon:
-                return True
-            here, there = (np.stack([turned(angle + step) for step in TREMORS]) for angle in (0.0, turn))
-            return bool(np.count_nonzero(apart(here, there, clean) & told) >= _SECTOR)
-        noisy = noise > 1e-4 * scale
-        clear = suspects & (change > 10 * noise)
-        return bool(np.any(clear & ~noisy) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(scale > 1e-12 * peak))
+            turns = usual > 5 * least + 4 * evaluator.epsilon
+        else:
+            clear = (change > _CLEAR * scale + 1e-12 * peak) & (change > 10 * noise)
+            turns = np.any(clear & (noise <= 1e-4 * scale)) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(told)
+        if turns:
+            return True
+        here, there = (np.stack([turned(angle + step) for step in TREMORS]) for angle in (0.0, turn))
+        return bool(np.count_nonzero(apart(here, there, clean) & told) >= _SECTOR)
 
 
 def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:

@@ -88,7 +88,7 @@ class PointwiseAlbedo:
         self._noting = threading.Lock()
         self._held = {name: low for name, (low, high) in family.ranges.items() if low == high}
         self._columns = [self.names.index(name) for name in self.swept]
-        middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
+        self._middle = middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
         self._template = self._abstract(middle)
         self.evaluator: Evaluator | None = None
         self.table: AbstractTable | None = None
@@ -128,8 +128,7 @@ class PointwiseAlbedo:
         """What evaluates the part of the BRDF that owes reciprocity: `evaluator` unless the family says otherwise."""
         if self.family.pointwise is None:
             return self.evaluator
-        middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in self.family.ranges.items()}
-        return Evaluator(self._with_held(self.family.pointwise), {name: middle[name] for name in self.swept})
+        return Evaluator(self._with_held(self.family.pointwise), {name: self._middle[name] for name in self.swept})
 
     def _with_held(self, made: Callable[..., Any]) -> Callable[..., Any]:
         """What builds a BRDF of the parameters that run alone."""
@@ -171,10 +170,10 @@ class PointwiseAlbedo:
         """True for lobes that are largest at normal incidence, by theorem."""
         return self._template is not None and self._template.monotone
 
-    @property
+    @functools.cached_property
     def bounded(self) -> bool:
-        """True for BRDFs whose albedo never exceeds 1, by theorem."""
-        return self._template is not None and self._template.bounded
+        """True for BRDFs whose albedo never exceeds 1, by theorem: by their structure, and the numbers that they hold."""
+        return self._template is not None and self._template.bounded and self.family.build(**self._middle).bounded
 
     def brdfs(self, parameters: np.ndarray) -> Any:
         """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brdfcheck.quadrature.anisotropy import TREMORS, apart
+from brdfcheck.quadrature.anisotropy import CLEAN, TREMORS, apart
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
@@ -28,9 +28,8 @@ _MARGIN = 1e-3
 # are so far apart, the parameters are looked at again at all angles, and at how many of these.
 _ECHOES, _ODD, _ODD_APART, _ODD_ANGLES = 96, 16, 4e-3, 33
 _BETWEEN = np.arange(-3, 4) / 4
-# Rounding changes an albedo that does not depend on the azimuth by less than this when it is turned, mostly; between which
-# angles (radians), and how many of those that changed more are looked at for their rounding.
-_TURNED, _TURNS, _SUSPECTS = 1e-7, (0.0, 2.4), 64
+# Between which angles (radians) albedos are turned, and how many of those that changed are looked at for their rounding.
+_TURNS, _SUSPECTS = (0.0, 2.4), 64
 
 
 @functools.cache
@@ -129,7 +128,7 @@ class Scan:
         if not albedo.anisotropic:
             order = np.argsort(points.values)[::-1]
             places = points.places[np.concatenate([order[:128], order[128 :: max(1, len(order) // 128)]])]
-            clean = max(_TURNED, 64 * albedo.epsilon)
+            clean = max(CLEAN, 64 * albedo.epsilon)
             first, second = (self._turned(places, turn)[0] for turn in _TURNS)
             with np.errstate(all="ignore"):
                 change = np.abs(first - second) / np.maximum(np.maximum(np.abs(first), np.abs(second)), 1e-3)
