@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
+import jax
 import numpy as np
 from jax.core import Tracer
 
@@ -38,6 +39,9 @@ def facets_of(brdf: Any) -> dict[str, Any] | None:
     """The plain record of facets of this package; None for anything else."""
     if type(brdf) not in (CookTorrance, GGX):
         return None
+    held = isinstance(brdf.f0, (float, np.ndarray, jax.Array)) and not isinstance(brdf.f0, Tracer)
+    if held and not np.all((np.asarray(brdf.f0) >= 0) & (np.asarray(brdf.f0) <= 1)):
+        raise NotProved(f"the theorem on masked projected areas needs f0 in [0, 1]; the lobe holds {brdf.f0}")
     found = {
         "kind": "facets",
         "distribution": "GGX" if type(brdf) is GGX else "Beckmann",

@@ -7,8 +7,8 @@ import numpy as np
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 
-# Angles and azimuths of the first sweep, and of those after it.
-_ANGLES, _TURNS = (17, 9), (8, 5)
+_ANGLES = 17
+_TURNS = 8
 _SWEEPS = 4
 # Rounds in which the step that holds an end becomes an eighth. (The quick rules of functions are off by more than the last
 # of these tell.)
@@ -95,7 +95,7 @@ def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray
     counts = [_ANGLES if box.names[1 + axis] == "angle" else _TURNS for axis in range(axes)]
     width = np.ones(axes)
     for sweep in range(_SWEEPS if axes else 1):
-        grids = [np.linspace(0, 1, first) if sweep == 0 else np.linspace(-1, 1, later) for first, later in counts]
+        grids = [np.linspace(0, 1, count) if sweep == 0 else np.linspace(-1, 1, count) for count in counts]
         mesh = np.stack([grid.ravel() for grid in np.meshgrid(*grids, indexing="ij")], axis=-1) if axes else np.zeros((1, 0))
         angles = mesh[None] if sweep == 0 else centre[:, None] + width * mesh[None]
         places = np.concatenate(
@@ -109,7 +109,7 @@ def _ridge(albedo: PointwiseAlbedo, box: Box, unit: np.ndarray, peak: np.ndarray
         places = box.kept(places.reshape(-1, box.dimension))
         values = _estimated(albedo, box, places, 0).reshape(len(unit), -1)
         centre = places.reshape(len(unit), -1, box.dimension)[rows, np.argmax(values, axis=1), 1:]
-        width = np.array([1 / (first - 1) for first, _ in counts]) if sweep == 0 else width * 0.3
+        width = np.array([1 / (count - 1) for count in counts]) if sweep == 0 else width * 0.3
     # Quick rules find the angle; what is compared in the end is told by the finest, there and at the angle of the peak.
     finest = [
         _estimated(albedo, box, np.concatenate([unit[:, None], angles], axis=1), albedo.levels - 1)
