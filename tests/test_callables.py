@@ -336,7 +336,7 @@ def test_an_answer_in_room_that_is_written_to_again_is_kept():
 
     parameters = np.linspace(0, 1, 9)[:, None]
     points = parameters, np.linspace(0.1, 1, 9), np.zeros(9)
-    kept, right = (PointwiseAlbedo(Family("f", lambda k, f=f: lambda wi, wo: f(wi, wo), {"k": (0.0, 1.0)})) for f in (f, fresh))
+    kept, right = (PointwiseAlbedo(Family("f", lambda k, one=one: one, {"k": (0.0, 1.0)})) for one in (f, fresh))
     np.testing.assert_array_equal(kept.estimate(*points, 0), right.estimate(*points, 0))
     np.testing.assert_array_equal(kept(*points, rtol=1e-5), right(*points, rtol=1e-5))
 
