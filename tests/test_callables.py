@@ -219,17 +219,17 @@ def test_sums_are_those_of_the_values(build, points):
     tables = -(-points // 3)
     space = Evaluator(build, {"n": 1.0}).space(2 * tables)
     wo = in_rows(random_directions(2 * tables * BLOCK, 5), space)
-    weight = random.uniform(0, 1, (tables, 2, BLOCK))
+    weight = random.uniform(0, 1, (tables, 2, 3, BLOCK))
     wi, turn = random_directions(points, 6), random.uniform(0, 2 * np.pi, points)
     n, which = np.sort(random.choice([0.5, 2.0, 30.0], points)), random.integers(0, tables, points)
     sums = Evaluator(build, {"n": 1.0}).sums(n[:, None], wi, turn, wo, weight, which, nothing_noted)
-    assert sums.shape == (points, 2, 1)
+    assert sums.shape == (points, 2, 3, 1)
     for i in range(0, points, 9):
         c, s = np.cos(turn[i]), np.sin(turn[i])
         table = wo[:, 2 * which[i] : 2 * which[i] + 2]
         turned = np.einsum("ij,jbk->bki", [[c, -s, 0], [s, c, 0], [0, 0, 1]], table)
-        expected = np.sum(weight[which[i]] * np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned)), axis=-1)
-        np.testing.assert_allclose(sums[i, :, 0], expected, rtol=1e-12)
+        values = np.asarray(build(n[i])(np.broadcast_to(wi[i], turned.shape), turned))
+        np.testing.assert_allclose(sums[i, ..., 0], np.sum(weight[which[i]] * values[:, None], axis=-1), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("tables", "blocks"), [(1, 600), (150, 4)])
@@ -237,13 +237,13 @@ def test_tables_may_have_more_rows_than_a_program_takes(tables, blocks):
     random = np.random.default_rng(tables)
     evaluator = Evaluator(traceable, {"n": 1.0})
     wo = in_rows(random_directions(blocks * tables * BLOCK, 5), evaluator.space(blocks * tables))
-    weight = random.uniform(0, 1, (tables, blocks, BLOCK))
+    weight = random.uniform(0, 1, (tables, blocks, 1, BLOCK))
     which = random.permutation(tables)[:40]
     wi, still = random_directions(len(which), 6), np.zeros(len(which))
     sums = evaluator.sums(np.full((len(which), 1), 2.0), wi, still, wo, weight, which, nothing_noted)
     directions = np.moveaxis(wo[:, : tables * blocks].reshape(3, tables, blocks, BLOCK)[:, which], 0, -1)
     values = np.asarray(traceable(2.0)(np.broadcast_to(wi[:, None, None], directions.shape), directions))
-    np.testing.assert_allclose(sums[..., 0], np.sum(weight[which] * values, axis=-1), rtol=1e-12)
+    np.testing.assert_allclose(sums[..., 0], np.sum(weight[which] * values[:, :, None], axis=-1), rtol=1e-12)
 
 
 def test_programs_are_traced_by_the_thread_that_asks():
@@ -269,7 +269,13 @@ def test_sums_leave_out_and_note_what_is_not_finite_and_what_is_negative():
     wo = in_rows(random_directions(BLOCK, 5))
     noted = []
     sums = Evaluator(build, {}).sums(
-        np.zeros((1, 0)), WI[:1], np.zeros(1), wo, np.ones((1, 1, BLOCK)), np.zeros(1, int), lambda *found: noted.append(found)
+        np.zeros((1, 0)),
+        WI[:1],
+        np.zeros(1),
+        wo,
+        np.ones((1, 1, 1, BLOCK)),
+        np.zeros(1, int),
+        lambda *found: noted.append(found),
     )
     x, y, _ = wo[:, 0]
     bad, negative = x > 0.9, (y > 0.9) & (x <= 0.9)

@@ -56,7 +56,7 @@ class Planted(PointwiseAlbedo):
 
     fast = property(lambda self: not self._function)
     levels = property(lambda self: 3 if self._function else 1)
-    monotone = bounded = one_by_one = False
+    monotone = bounded = one_by_one = two_sided = mirrored = False
     table = None
 
     def __init__(

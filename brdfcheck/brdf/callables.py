@@ -23,7 +23,7 @@ from brdfcheck.brdf.calling import name_of as name_of
 from brdfcheck.brdf.ways import Caller, calm, sample
 from brdfcheck.runtime import double_precision, understood
 
-BLOCK = 760
+BLOCK = 1140
 """Directions of a row: what a program takes for one incidence."""
 # Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
 # asked, and a small request is cheap. On a CPU a row at a time stays in the fastest memory and on one core: XLA gains nothing
@@ -31,13 +31,13 @@ BLOCK = 760
 _ROWS, _GROUP, _GROUP_ON_CPU = 64, 64, 1
 _TABLE = 256
 # Seconds for a row from which on threads are worth their while.
-_HEAVY = 5e-5
+_HEAVY = 7e-5
 # Bytes at whose multiples an array must begin for XLA to use it where it lies.
 ALIGNED = 64
 # Numbers (rows x directions x channels) that a program may return: bounds the memory of functions with many channels.
 _MOST_NUMBERS = 2**22
 # Directions in one call of a numpy function: what it makes of them, also all pairs by a slip, must fit into memory.
-_NUMPY_CALL = 7 * BLOCK
+_NUMPY_CALL = 5 * BLOCK
 # For how many rows calls of numpy functions are prepared together.
 _ROWS_OF_CALLS = 32
 # How many directions are compared with themselves alone.
@@ -192,11 +192,11 @@ class Evaluator:
         which: np.ndarray,
         note: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], None],
     ) -> np.ndarray:
-        """Weighted sums over blocks of directions: (points, blocks, channels or 1).
+        """Weighted sums over blocks of directions: (points, blocks, sums, channels or 1).
 
         parameters (points, names), wi (points, 3), azimuth (points,): by how much the directions are turned. Of tables of
-        directions, wo (3, rows, BLOCK), of at least tables x blocks rows, and weight (tables, blocks, BLOCK), `which` (points,)
-        says the one of each point; tables of more than `at_once` rows are copied. What is not finite counts as 0.
+        directions, wo (3, rows, BLOCK), of at least tables x blocks rows, and weight (tables, blocks, sums, BLOCK), `which`
+        (points,) says the one of each point; tables of more than `at_once` rows are copied. What is not finite counts as 0.
         `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0 or one that is not
         finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
         """
@@ -204,19 +204,21 @@ class Evaluator:
         point = np.repeat(np.arange(points), blocks)
         table = (which[:, None] * blocks + np.arange(blocks)).ravel()
         turn = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)[point]
-        parameters, light, weight = parameters[point], wi.T[:, point], weight.reshape(-1, BLOCK)
-        sums = np.empty((len(point), self.channels or 1))
+        count, weight = weight.shape[2], weight.reshape(-1, *weight.shape[2:])
+        parameters, light = parameters[point], wi.T[:, point]
+        sums = np.empty((len(point), count, self.channels or 1))
         for rows in self._pieces(parameters):
             values, share = self._evaluate(rows, parameters, turn, light, wo, table), weight[table[rows]]
             with np.errstate(all="ignore"):
-                found = np.matmul(share[:, None], values)[:, 0]
+                found = np.matmul(share, values)
             if not np.all(np.isfinite(found)) or values.min() < 0:
                 finite = np.isfinite(values)
                 values = np.where(finite, values, 0)
-                found = np.matmul(share[:, None], values)[:, 0]
-                note(point[rows], np.stack(_turned(turn[rows], wo[:, table[rows]]), axis=1), values, finite, share)
+                found = np.matmul(share, values)
+                view = np.stack(_turned(turn[rows], wo[:, table[rows]]), axis=1)
+                note(point[rows], view, values, finite, share.max(axis=1))
             sums[rows] = found
-        return sums.reshape(points, blocks, -1)
+        return sums.reshape(points, blocks, count, -1)
 
     def _pieces(self, parameters: np.ndarray) -> list[slice]:
         """Rows that are evaluated together."""

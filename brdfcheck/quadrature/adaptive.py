@@ -116,8 +116,8 @@ def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 class _Integrand:
     """`evaluate` seen through boxes; keeps count of what it was asked for."""
 
-    def __init__(self, evaluate: Callable[[np.ndarray], np.ndarray], azimuth: float):
-        self.evaluate = evaluate
+    def __init__(self, evaluate: Callable[[np.ndarray], np.ndarray], azimuth: float, sides: int):
+        self.evaluate, self.sides = evaluate, sides
         self.turn = np.cos(azimuth), np.sin(azimuth)
         self.evaluations = self.nonfinite = 0
         self.scalar = True
@@ -131,6 +131,7 @@ class _Integrand:
         shape = len(boxes.low), len(_POINTS)
         wo, weight, count = np.empty((3, *shape)), np.empty(shape), shape[0] * shape[1]
         directions(boxes, _GRID, wo, weight)
+        weight *= self.sides
         (c, s), (x, y, _) = self.turn, wo
         if s:
             wo[0], wo[1] = c * x - s * y, s * x + c * y
@@ -214,11 +215,13 @@ def integrate_hemisphere(
     *,
     tolerance: float = 1e-8,
     max_evaluations: int = 4_000_000,
+    half: bool = False,
 ) -> HemisphereIntegral:
     """The integral of f(wo) (N.wo) over the hemisphere, for light at the polar angle acos(cos_theta) and `azimuth`.
 
     `evaluate` takes wo, float64 of shape (k, 3) with N = +z, and returns f in 1/sr, shape (k,) or (k, channels). The
-    goal for each channel is an error of `tolerance` * max(|value|, 1). Azimuth in radians.
+    goal for each channel is an error of `tolerance` * max(|value|, 1). Azimuth in radians. `half`: f is the same on both sides
+    of the plane of incidence and is asked on one of them, for half of the evaluations.
 
     Lobes about the mirror direction, the normal and the light are found down to a width of 1e-6 radians. Any other is
     seen only where a point of the initial mesh meets it, and these are up to 0.04 radians apart: a spot of a smaller
@@ -235,9 +238,10 @@ def integrate_hemisphere(
         raise ValueError(f"azimuth must be finite; got {azimuth}")
     if not tolerance > 0:
         raise ValueError(f"tolerance must be > 0; got {tolerance}")
-    integrand = _Integrand(evaluate, float(azimuth))
+    sides = 2 if half else 1
+    integrand = _Integrand(evaluate, float(azimuth), sides)
     sine = float(np.sqrt((1 - cos_theta) * (1 + cos_theta)))
-    boxes = initial_boxes(sine, float(cos_theta))
+    boxes = initial_boxes(sine, float(cos_theta), half)
     found = integrand.measure(boxes)
     sums = []
     for _ in range(_ROUNDS):
@@ -249,7 +253,7 @@ def integrate_hemisphere(
         # which rounding is the error.
         share = np.max(np.where(found.error > found.noise, found.error, 0) / goal, axis=-1)
         order = np.argsort(share)
-        room = max(max_evaluations - integrand.evaluations, 0) // (2 * len(_POINTS))
+        room = max(max_evaluations // sides - integrand.evaluations, 0) // (2 * len(_POINTS))
         chosen = order[np.cumsum(share[order]) > 0.5][::-1][:room]
         if not chosen.size:
             break
@@ -266,5 +270,5 @@ def integrate_hemisphere(
         value, error = np.where(endless, np.inf, value), np.where(endless, np.inf, error)
     if integrand.scalar:
         value, error = value[0], error[0]
-    mesh = Mesh(boxes, float(cos_theta), _GRID_OF_NODES, np.outer(_WEIGHTS[0], _WEIGHTS[0]).ravel())
+    mesh = Mesh(boxes, float(cos_theta), _GRID_OF_NODES, sides * np.outer(_WEIGHTS[0], _WEIGHTS[0]).ravel())
     return HemisphereIntegral(np.asarray(value), np.asarray(error), integrand.evaluations, converged, integrand.nonfinite, mesh)

@@ -1,4 +1,4 @@
-"""Does a function change when both directions turn about the normal together?"""
+"""Does a function change when both directions turn about the normal together; does it when one goes to the other side?"""
 
 from __future__ import annotations
 
@@ -27,51 +27,90 @@ def apart(first: np.ndarray, second: np.ndarray, least: float) -> np.ndarray:
     return between > wide + least * np.maximum(np.abs(high).max(axis=0), np.abs(low).max(axis=0))
 
 
+class _Pairs:
+    """Seeded pairs of directions at several places of a box of parameters."""
+
+    def __init__(self, evaluator: Evaluator, ranges: list[tuple[float, float]]):
+        chosen = examples(ranges)
+        places = np.array(chosen, float).reshape(len(chosen), len(ranges))
+        random = np.random.default_rng(20)
+        rows = max(2, 48 // len(places))
+        shape = (len(places) * rows, BLOCK)
+        self.evaluator = evaluator
+        self.cosine, other = random.uniform(0.02, 1, (2, *shape))
+        self.azimuth, away = random.uniform(0, 2 * np.pi, (2, *shape))
+        # A third is near the mirror direction, where a sharp lobe is not zero, a third near the light.
+        kind = np.arange(BLOCK) % 3
+        near = np.clip(self.cosine + random.normal(0, 0.03, shape), 0.01, 1)
+        self.other = np.where(kind == 0, other, near)
+        self.away = np.where(kind == 0, away, self.azimuth + np.pi * (kind == 1) + random.normal(0, 0.03, shape))
+        self.turn = random.uniform(0.2, 2 * np.pi - 0.2, shape)
+        self.parameters = np.repeat(places, rows, axis=0)
+
+    def turned(self, angle: np.ndarray | float) -> np.ndarray:
+        """The values with both directions turned by an angle."""
+        return self._values(self.away + angle, angle)
+
+    def opposite(self, angle: float) -> np.ndarray:
+        """The same with the second direction on the other side of the plane of the first one."""
+        return self._values(2 * self.azimuth - self.away + angle, angle)
+
+    def _values(self, away: np.ndarray, angle: np.ndarray | float) -> np.ndarray:
+        wi, wo = _directions(self.cosine, self.azimuth + angle), _directions(self.other, away)
+        return self.evaluator.rows(self.parameters, wi, wo)
+
+
+class _Change:
+    """How values differ, and what of that can be told: arrays of the values' shape, `peak` by channel."""
+
+    def __init__(self, evaluator: Evaluator, first: np.ndarray, second: np.ndarray):
+        self.scale = np.maximum(np.abs(first), np.abs(second))
+        self.peak = np.max(self.scale, axis=(0, 1), where=np.isfinite(self.scale), initial=0.0)
+        self.size = np.abs(first - second)
+        self.clean = max(CLEAN, 32 * evaluator.epsilon)
+        self.told = (self.scale > 1e-12 * self.peak) & np.isfinite(self.scale)
+
+    def above(self, part: float) -> np.ndarray:
+        """Where it is above this part of the values."""
+        return self.size > part * self.scale + 1e-12 * self.peak
+
+
+def has_two_sides(evaluator: Evaluator, ranges: list[tuple[float, float]]) -> bool:
+    """True where f is not the same on both sides of the plane of incidence, on seeded pairs at several places."""
+    pairs = _Pairs(evaluator, ranges)
+    with np.errstate(all="ignore"):
+        change = _Change(evaluator, pairs.turned(0.0), pairs.opposite(0.0))
+        if not np.any(change.above(change.clean)):
+            return False
+        here, there = (np.stack([side(step) for step in TREMORS]) for side in (pairs.turned, pairs.opposite))
+        return bool(np.any(apart(here, there, change.clean) & change.told))
+
+
 def turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float]]) -> bool:
     """True where f changes when both directions turn about N together, on seeded pairs at several places: anisotropic.
 
     What rounds a lot (float32 near a pole) changes as much when it turns by next to nothing; such pairs are judged by their
     number, the others one by one. In single precision all round: there pairs are asked several times.
     """
-    chosen = examples(ranges)
-    places = np.array(chosen, float).reshape(len(chosen), len(ranges))
-    random = np.random.default_rng(20)
-    rows = max(2, 48 // len(places))
-    shape = (len(places) * rows, BLOCK)
-    cosine, other = random.uniform(0.02, 1, (2, *shape))
-    azimuth, away = random.uniform(0, 2 * np.pi, (2, *shape))
-    # A third is near the mirror direction, where a sharp lobe is not zero, a third near the light.
-    kind = np.arange(BLOCK) % 3
-    near = np.clip(cosine + random.normal(0, 0.03, shape), 0.01, 1)
-    other = np.where(kind == 0, other, near)
-    away = np.where(kind == 0, away, azimuth + np.pi * (kind == 1) + random.normal(0, 0.03, shape))
-    turn = random.uniform(0.2, 2 * np.pi - 0.2, shape)
-    parameters = np.repeat(places, rows, axis=0)
-
-    def turned(angle: np.ndarray | float) -> np.ndarray:
-        return evaluator.rows(parameters, _directions(cosine, azimuth + angle), _directions(other, away + angle))
-
+    pairs = _Pairs(evaluator, ranges)
     with np.errstate(all="ignore"):
-        first, second = turned(0.0), turned(turn)
-        scale = np.maximum(np.abs(first), np.abs(second))
-        peak = np.max(scale, axis=(0, 1), where=np.isfinite(scale), initial=0.0)
-        change = np.abs(first - second)
-        clean = max(CLEAN, 32 * evaluator.epsilon)
-        if not np.any(change > clean * scale + 1e-12 * peak):
+        first = pairs.turned(0.0)
+        change = _Change(evaluator, first, pairs.turned(pairs.turn))
+        if not np.any(change.above(change.clean)):
             return False
-        noise = np.maximum.reduce([np.abs(turned(step) - first) for step in (3e-7, 1e-6, -2e-6)])
-        told = (scale > 1e-12 * peak) & np.isfinite(scale)
+        noise = np.maximum.reduce([np.abs(pairs.turned(step) - first) for step in (3e-7, 1e-6, -2e-6)])
+        scale, told = change.scale, change.told
         if evaluator.epsilon > 1e-10:
             # Single precision: rounding changes all values, most of them a little and some a lot; compare the usual changes.
-            usual, least = (float(np.median((part / scale)[told])) if np.any(told) else 0.0 for part in (change, noise))
+            usual, least = (float(np.median((part / scale)[told])) if np.any(told) else 0.0 for part in (change.size, noise))
             turns = usual > 5 * least + 4 * evaluator.epsilon
         else:
-            clear = (change > _CLEAR * scale + 1e-12 * peak) & (change > 10 * noise)
+            clear = change.above(_CLEAR) & (change.size > 10 * noise)
             turns = np.any(clear & (noise <= 1e-4 * scale)) or np.count_nonzero(clear) > 0.02 * np.count_nonzero(told)
         if turns:
             return True
-        here, there = (np.stack([turned(angle + step) for step in TREMORS]) for angle in (0.0, turn))
-        return bool(np.count_nonzero(apart(here, there, clean) & told) >= _SECTOR)
+        here, there = (np.stack([pairs.turned(angle + step) for step in TREMORS]) for angle in (0.0, pairs.turn))
+        return bool(np.count_nonzero(apart(here, there, change.clean) & told) >= _SECTOR)
 
 
 def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:

@@ -100,13 +100,16 @@ def _corners(sine: float, cosine: float) -> list[_Corner]:
 
 
 @functools.lru_cache(maxsize=64)
-def initial_boxes(sine: float, cosine: float) -> Boxes:
-    """The boxes with which an integral begins, for light at this sine and cosine of the polar angle. Not to be written to."""
+def initial_boxes(sine: float, cosine: float, half: bool = False) -> Boxes:
+    """The boxes with which an integral begins, for light at this sine and cosine of the polar angle. Not to be written to.
+
+    `half`: those on one side of the plane of incidence.
+    """
     rows = [
         (*box, corner.side, corner.height, corner.rise, sign, kind, number, 0, 0, cosine)
         for number, corner in enumerate(_corners(sine, cosine))
         for *box, kind in _cut(corner.reach)
-        for sign in (-1, 1)
+        for sign in ((1,) if half else (-1, 1))
     ]
     boxes = _of_rows(np.array(rows))
     crossed = circle.crossed(*boxes)

@@ -122,11 +122,13 @@ def adaptive_albedo(
     slow: bool = False,
     max_evaluations: int = 4_000_000,
     keep: Callable[[float, Mesh], object] = lambda mu, mesh: None,
+    half: bool = False,
 ) -> Albedo:
     """Engine 3 for a bound `Evaluator`: integrates each incidence by itself. Results are numpy arrays.
 
     At a cosine of 0 it is the limit, inf where the albedo grows without bound. Where single directions are not finite the
-    BRDF is taken beside them; where many are, the albedo is not a number. `keep` gets the rule that each integral ended with.
+    BRDF is taken beside them; where many are, the albedo is not a number. `keep` gets the rule that each integral ended with;
+    `half` is that of `integrate_hemisphere`.
     """
     cosines, azimuths = np.broadcast_arrays(np.asarray(cos_theta, float), np.asarray(azimuth, float))
     values, errors, count = [], [], 0
@@ -139,7 +141,7 @@ def adaptive_albedo(
             nonlocal count
             wi = _light(mu, turn)
             beside = _Beside(evaluate, wi)
-            result = integrate_hemisphere(beside, mu, turn, tolerance=tolerance, max_evaluations=max_evaluations)
+            result = integrate_hemisphere(beside, mu, turn, tolerance=tolerance, max_evaluations=max_evaluations, half=half)
             count += result.evaluations
             keep(mu, result.mesh)
             if beside.broken or result.nonfinite:  # the integral is unknown, whatever the rule says about the rest

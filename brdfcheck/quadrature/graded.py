@@ -33,7 +33,8 @@ _RISE = np.array([-1.0, 1.0, -1.0])[:, None]
 class GradedRule:
     """Nodes of a triangle along (`radial`) and around (`angular`) its apex; of rectangles along and across; the finest scale.
 
-    `scale` is in radians: narrower lobes about a seed are not resolved.
+    `scale` is in radians: narrower lobes about a seed are not resolved. `half`: only the nodes on one side of the plane of
+    incidence, each for two; of a whole rule they are the first half.
     """
 
     radial: int
@@ -41,11 +42,12 @@ class GradedRule:
     along: int
     across: int
     scale: float
+    half: bool = False
 
     @property
     def size(self) -> int:
         """How many nodes the rule has."""
-        return 4 * self._quarter
+        return (2 if self.half else 4) * self._quarter
 
     @property
     def _quarter(self) -> int:
@@ -80,13 +82,13 @@ class GradedRule:
         turned[:], straight[:] = height * straight + width * turned, width * straight - height * turned
         x, z = flat * cosine, up * cosine
         # The four quarters are images of each other in the plane of incidence and in the one across it.
-        images, shares = wo.reshape(3, count, 4, -1), weight.reshape(count, 4, -1)
+        images, shares = wo.reshape(3, count, -1, self._quarter), weight.reshape(count, -1, self._quarter)
         images[0, :, ::2] = x[:, None]
         images[1, :, :2] = y[:, None]
         images[2] = z[:, None]
         np.negative(x[:, None], out=images[0, :, 1::2])
         np.negative(y[:, None], out=images[1, :, 2:])
-        shares[:] = (density * cosine * z)[:, None]
+        shares[:] = ((2 if self.half else 1) * density * cosine * z)[:, None]
 
     def _triangles(self, corners: np.ndarray, reach: np.ndarray, mu: np.ndarray) -> None:
         (u, du), (v, dv) = gauss(self.radial), gauss(self.angular)

@@ -7,10 +7,9 @@ what a verdict rests on. For RGB families the value at a point is that of the wo
 from __future__ import annotations
 
 import functools
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,13 +22,14 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
 from brdfcheck.quadrature.albedo import Albedo, paired_lobes
-from brdfcheck.quadrature.anisotropy import turns_with_the_surface
+from brdfcheck.quadrature.anisotropy import CLEAN, has_two_sides, turns_with_the_surface
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.functions import Adaptive, adaptive_albedo
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.limit import grazing_limit
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.rule import AbstractEngine
+from brdfcheck.quadrature.seen import Seen
 
 Rule = GradedRule | Mesh
 
@@ -38,44 +38,35 @@ TABULATED = 1e-5
 GRAZING = 1e-9
 """The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
 
-# The rules of the levels, from coarse to fine; each takes whole blocks of directions. The first one has a companion of half
-# its size: their difference is its error.
-_LEVELS = (GradedRule(10, 4, 4, 5, 1e-3), GradedRule(20, 8, 7, 10, 1e-4), GradedRule(40, 14, 12, 18, 1e-6))
-_COMPANION = GradedRule(7, 3, 3, 3, 1e-3)
-# The cosine of a direction above which the sign of a value is not that of a rounding.
-_STEEP = 1e-5
+# The rules of the levels, from coarse to fine, on one side of the plane of incidence; each fills blocks of directions. The
+# first one has a companion of half its size, in the same block: their difference is its error.
+_LEVELS = (
+    (GradedRule(10, 4, 4, 5, 1e-3, half=True), GradedRule(7, 3, 3, 3, 1e-3, half=True)),
+    (GradedRule(22, 8, 9, 10, 1e-4, half=True),),
+    (GradedRule(42, 14, 12, 18, 1e-6, half=True),),
+)
+# An albedo below which a difference of the sides is compared with this.
+_DARK = 1e-3
+# The accuracy of the albedos of which one side is compared with both.
+_CONFIRMED = 1e-7
 # How many rows of nodes are kept at a time for points of a function of numpy.
 _ROWS = 2048
 # The accuracy at which engines 1 and 2 are asked on the levels (None: their best).
 _QUICK_RTOL = 1e-3
 
 
-class Place(NamedTuple):
-    """A value of the BRDF and where it was seen: parameters and directions."""
-
-    value: float
-    parameters: tuple[float, ...]
-    wi: tuple[float, ...]
-    wo: tuple[float, ...]
-
-
-@dataclass
-class Seen:
-    """What the scans saw of a function's values on the way: the smallest, and those that are not finite."""
-
-    smallest: Place | None = None
-    nonfinite: int = 0
-    values: int = 0
-    first_nonfinite: Place | None = None
+class TwoSided(Exception):
+    """A BRDF is seen to differ on the two sides of the plane of incidence, after all."""
 
 
 class PointwiseAlbedo:
     """Callable: (parameters (points, names), cos_theta (points,), azimuth (points,)) -> value, error, both (points,).
 
     `engine` is the engine, `engine_name` what reports call it, `table` what a table looks up in (None for anything else).
-    `anisotropic` says whether the azimuth matters, `evaluations` counts those of the BRDF, `epsilon` is the rounding of the
-    BRDF's values. Parameters whose range is one value are held: the BRDF is built with that number. Raises Finding where a
-    user's BRDF fails.
+    `anisotropic` says whether the azimuth matters, `two_sided` that the BRDF was seen to differ on the two sides of the plane
+    of incidence. Where it is the same on both, `mirrored` has it taken on one of them: `look_at_sides` sets that, and
+    `confirm_sides` looks again. `evaluations` counts those of the BRDF, `epsilon` is the rounding of its values. Parameters
+    whose range is one value are held: the BRDF is built with that number. Raises Finding where a user's BRDF fails.
     """
 
     def __init__(self, family: Family):
@@ -83,9 +74,8 @@ class PointwiseAlbedo:
         self.names = tuple(family.ranges)
         self.swept = tuple(name for name, (low, high) in family.ranges.items() if low < high)
         self.evaluations = 0
-        self.anisotropic = False
+        self.anisotropic = self.two_sided = self.mirrored = False
         self.seen = Seen()
-        self._noting = threading.Lock()
         self._held = {name: low for name, (low, high) in family.ranges.items() if low == high}
         self._columns = [self.names.index(name) for name in self.swept]
         self._middle = middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
@@ -230,8 +220,24 @@ class PointwiseAlbedo:
         """Like `estimate`, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
         if self.evaluator is None:
             return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
-        rules = (_LEVELS[level], _COMPANION) if level == 0 else (_LEVELS[level],)
-        return self._graded(self.evaluator, parameters, np.maximum(cos_theta, GRAZING), azimuth, *rules)
+        mu, sides = np.maximum(cos_theta, GRAZING), 1 if self.mirrored else 2
+        return self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[level], sides=sides)
+
+    def look_at_sides(self) -> None:
+        """Take a function on one side of the plane of incidence from now on, unless pairs or an estimate so far differ."""
+        if self.evaluator is not None and not self.two_sided:
+            ranges = [self.family.ranges[name] for name in self.swept]
+            self.two_sided = self.anisotropic or has_two_sides(self.evaluator, ranges)
+            self.mirrored = not self.two_sided
+
+    def confirm_sides(self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray) -> None:
+        """TwoSided where albedos of one side, shapes as for a call, are not those of both."""
+        if self.evaluator is not None and self.mirrored:
+            place = self.evaluator, parameters, cos_theta, azimuth, _CONFIRMED
+            (half, bar), (whole, error) = (self._adaptive(*place, half=half) for half in (True, False))
+            self.two_sided = bool(np.any(np.abs(whole - half) > error + bar))
+            if self.two_sided:
+                raise TwoSided
 
     def _engines(self, parameters: np.ndarray, cos_theta: np.ndarray, rtol: float | None) -> tuple[np.ndarray, np.ndarray]:
         chunk = self.engine.chunk
@@ -258,88 +264,79 @@ class PointwiseAlbedo:
     # --- engine 3 ---
 
     def _graded(
-        self, evaluator: Evaluator, parameters: np.ndarray, mu: np.ndarray, azimuth: np.ndarray, *rules: Rule
+        self,
+        evaluator: Evaluator,
+        parameters: np.ndarray,
+        mu: np.ndarray,
+        azimuth: np.ndarray,
+        *rules: Rule,
+        sides: int = 1,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """By a fixed rule; the difference to a second one is the error."""
-        blocks = [-(-rule.size // BLOCK) for rule in rules]
+        """By a fixed rule, shapes as for `adaptive`; the difference to a second one is the error.
+
+        `sides`: 2 for its nodes and their mirror images.
+        """
+        size = sum(rule.size for rule in rules)
+        blocks = -(-size // BLOCK)
+        rows = sides * blocks
         sine = np.sqrt((1 - mu) * (1 + mu))
         wi = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=1)
-        value = np.zeros((2, len(mu), evaluator.channels or 1))
+        value = np.zeros((len(rules), len(mu), evaluator.channels or 1))
         unknown: set[int] = set()
 
         def piece(points: np.ndarray) -> None:
             # Points of the same cosine share their nodes.
             cosines, which = np.unique(mu[points], return_inverse=True)
-            share = np.empty((len(cosines), sum(blocks) * BLOCK))
-            space = evaluator.space(share.size // BLOCK)
-            wo = space[:, : share.size // BLOCK].reshape(3, len(cosines), -1)
+            share = np.zeros((len(cosines), sides, len(rules), blocks * BLOCK))
+            space = evaluator.space(len(cosines) * rows)
+            wo = space[:, : len(cosines) * rows].reshape(3, len(cosines), sides, -1)
             start = 0
-            for rule, count in zip(rules, blocks, strict=True):
+            for number, rule in enumerate(rules):
                 end = start + rule.size
-                rule.fill(cosines, wo[..., start:end], share[:, start:end])
-                start += count * BLOCK
-                wo[..., end:start], share[:, end:start] = wo[..., end - 1 : end], 0
+                rule.fill(cosines, wo[:, :, 0, start:end], share[:, 0, number, start:end])
+                start = end
+            wo[:, :, 0, size:] = wo[:, :, 0, size - 1 : size]
+            if sides == 2:
+                share /= 2
+                wo[:, :, 1], share[:, 1] = wo[:, :, 0], share[:, 0]
+                np.negative(wo[1, :, 0], out=wo[1, :, 1])
             sums = evaluator.sums(
                 parameters[points][:, self._columns],
                 wi[points],
                 azimuth[points],
                 space,
-                share.reshape(len(cosines), -1, BLOCK),
+                np.moveaxis(share.reshape(len(cosines), sides, -1, blocks, BLOCK), 2, 3).reshape(len(cosines), rows, -1, BLOCK),
                 which,
                 lambda at, *found: unknown.update(
-                    points[at[self._note(parameters[points[at]], wi[points[at]], *found)]].tolist()
+                    points[at[self.seen.note(parameters[points[at]], wi[points[at]], *found)]].tolist()
                 ),
             )
-            value[0, points] = sums[:, : blocks[0]].sum(axis=1)
-            if len(rules) > 1:
-                value[1, points] = sums[:, blocks[0] :].sum(axis=1)
+            found = sums.reshape(len(points), sides, blocks, len(rules), -1).sum(axis=2)
+            value[:, points] = np.moveaxis(found.sum(axis=1), 1, 0)
+            if sides == 2:
+                left, right = found[:, 0, 0], found[:, 1, 0]
+                scale = np.maximum(np.maximum(np.abs(left), np.abs(right)), _DARK)
+                self.two_sided |= bool(np.any(np.abs(left - right) > max(CLEAN, 64 * self.epsilon) * scale))
 
         cores = 1 if evaluator.slow else len(available_cores())
         if evaluator.slow:
             # Called with points of the same parameters together, as far as the nodes of all cosines fit into memory.
-            group = np.unique(mu, return_inverse=True)[1] // max(1, _ROWS // sum(blocks))
+            group = np.unique(mu, return_inverse=True)[1] // max(1, _ROWS // rows)
             order = np.lexsort([*parameters.T[::-1], group])
             pieces = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
         else:
             order = np.argsort(mu, kind="stable")
-            most = max(1, min(evaluator.at_once // sum(blocks), -(-len(mu) // cores)))
+            most = max(1, min(evaluator.at_once // rows, -(-len(mu) // cores)))
             pieces = [order[i : i + most] for i in range(0, len(mu), most)]
         if not evaluator.traced and len(pieces) > 1:
             piece(pieces.pop(0))
         side_by_side(piece, pieces, most=cores)
-        nodes = len(mu) * sum(blocks) * BLOCK
+        nodes = len(mu) * rows * BLOCK
         self.evaluations += nodes
         self.seen.values += nodes * (evaluator.channels or 1)
         value[0, list(unknown)] = np.nan
         error = np.abs(value[0] - value[1]) if len(rules) > 1 else np.zeros_like(value[0])
         return (value[0, :, 0], error[:, 0]) if evaluator.channels is None else (value[0], error)
-
-    def _note(
-        self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, values: np.ndarray, finite: np.ndarray, weight: np.ndarray
-    ) -> np.ndarray:
-        """Keep what a piece of a scan says of the BRDF itself: (rows, ...) each, see `Evaluator.sums`.
-
-        Returns the rows of which most is not finite: their sums are none.
-        """
-
-        def place(index: tuple[np.intp, ...], value: float) -> Place:
-            row, node, _ = index
-            return Place(value, tuple(parameters[row].tolist()), tuple(wi[row].tolist()), tuple(wo[row, :, node].tolist()))
-
-        with self._noting:
-            seen = self.seen
-            # Where both directions graze, rounding alone makes a sign: such pairs are for the side checks, which know of it.
-            told = (np.minimum(wi[:, None, 2], wo[:, 2]) > _STEEP)[..., None]
-            low = np.unravel_index(np.argmin(np.where(told, values, 0)), values.shape)
-            if told[low[:2]] and values[low] < 0 and (seen.smallest is None or values[low] < seen.smallest.value):
-                seen.smallest = place(low, float(values[low]))
-            broken = ~finite & (weight > 0)[..., None]
-            if np.any(broken):
-                seen.nonfinite += int(np.count_nonzero(broken))
-                seen.first_nonfinite = seen.first_nonfinite or place(
-                    np.unravel_index(np.argmax(broken), broken.shape), float("nan")
-                )
-        return np.flatnonzero(np.count_nonzero(broken.any(axis=2), axis=1) > np.count_nonzero(weight > 0, axis=1) / 2)
 
     def frozen(self, parameters: np.ndarray, cos_theta: float, azimuth: float, rtol: float) -> Frozen:
         """The albedo near one place (parameters (names,)) by the rule that the integral there ends with (functions only)."""
@@ -353,11 +350,15 @@ class PointwiseAlbedo:
         azimuth: np.ndarray,
         rtol: float,
         keep: Callable[[float, Mesh], object] = lambda mu, mesh: None,
+        half: bool | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
+        """By an adaptive integral for each point: (points, channels), or (points,). `keep` gets the rule each ends with."""
+        half = self.mirrored if half is None else half
+
         def integrated(point: tuple[np.ndarray, float, float]) -> Albedo:
             row, mu, turn = point
             bound = evaluator.bind({name: float(value) for name, value in zip(self.swept, row, strict=True)})
-            return adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep)
+            return adaptive_albedo(bound, mu, turn, rtol, max_evaluations=_budget(rtol), keep=keep, half=half)
 
         points = list(zip(parameters[:, self._columns], cos_theta, azimuth, strict=True))
         results = side_by_side(integrated, points, most=8 if evaluator.heavy else 1)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +60,21 @@ class Climbs:
     def taken(self, which: np.ndarray) -> Climbs:
         """Some of the climbs."""
         return Climbs(*(part[which] for part in vars(self).values()))
+
+
+class Trail(NamedTuple):
+    """Where climbs were when they went on to the next rule, and how high by that: (climbs, dimension) and (climbs,)."""
+
+    places: np.ndarray
+    values: np.ndarray
+
+    def taken(self, which: np.ndarray) -> Trail:
+        """Some of the climbs."""
+        return Trail(self.places[which], self.values[which])
+
+    def joined(self, other: Trail) -> Trail:
+        """These, then the others."""
+        return Trail(np.concatenate([self.places, other.places]), np.concatenate([self.values, other.values]))
 
 
 def climb(

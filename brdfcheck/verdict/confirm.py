@@ -10,6 +10,7 @@ import numpy as np
 from brdfcheck.quadrature.pointwise import GRAZING
 from brdfcheck.verdict.box import DECADES, Box
 from brdfcheck.verdict.climb import Climbs, climb
+from brdfcheck.verdict.kinks import crest
 from brdfcheck.verdict.poles import SUSPICIOUS, pole
 from brdfcheck.verdict.surface import GRAZES, Surface
 from brdfcheck.verdict.winners import Winners
@@ -38,8 +39,6 @@ _SAME = 2e-3
 _NOISE, _PERHAPS_NOISE = 1e-7, 1e-6
 # How far from the winner lines reach.
 _RADII = (1.0, 0.25, 0.06, 0.015)
-# How near to a kink the surface is looked at, and how far away at most.
-_STEP, _FAR = 6e-5, 0.05
 # How far from its end the angle is looked at once more where a place lies there.
 _ARM = 1e-3
 
@@ -74,7 +73,8 @@ class Confirmation:
             return
         value, error, asked = self._resolved(ends.places)
         for index in np.flatnonzero(ends.kinked & (error < _ROUGH) & (value + gaps > self.winners.least)):
-            gaps[index] = min(gaps[index], self._crest(ends.places[index], ends.radii[index]))
+            bound, ends.kinked[index] = crest(self.surface, ends.places[index], ends.radii[index])
+            gaps[index] = min(gaps[index], bound)
         # Where the quick rule is far off, its climb is none: what counts is the place, and what is found by better rules.
         off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
         blind = (off > _BLIND) & (off > gaps)
@@ -168,7 +168,7 @@ class Confirmation:
             done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8)) and not ends.kinked[0]
             gap = float(ends.known_gaps[0])
             if ends.kinked[0] and not limit:
-                gap = min(gap, self._crest(end, ends.radii[0]))
+                gap = min(gap, crest(surface, end, ends.radii[0])[0])
             gap = max(gap, hidden)
             promised, moved = float(ends.values[0]) - start, float(surface.box.distance(end, place))
             fresh, bar, beside = surface.beside(end, rtol, limit=limit) if moved else (value, error, near)
@@ -206,31 +206,6 @@ class Confirmation:
             return False, box, lambda points: points
         angle = self.surface.angle or 0
         return True, box.changed(cosines=(1.0, 1.0)), lambda points: np.insert(points, angle, place[angle], axis=1)
-
-    def _crest(self, place: np.ndarray, radius: float) -> float:
-        """How much higher a kink at a place may go where it runs across the axes, by the rule of a verdict.
-
-        Where the surface falls on both sides along every axis, no direction d rises from it faster than the sum over axes of
-        |d_i| times the jump of the slope there (for the least of smooth functions, by their superadditive derivatives); and a
-        direction is no longer than the cube. Second differences at two steps tell that jump from curvature.
-        """
-        surface = self.surface
-        dimension = len(place)
-        steps = np.array([4.0, 1.0]) * max(_STEP, 5 * radius)
-        arms = steps[:, None, None, None] * np.array([1, -1])[:, None, None] * np.eye(dimension)
-        places = place + arms  # (steps, sides, axes, dimension)
-        outside = np.any((places < 0) | (places > 1), axis=-1) & ~surface.box.periodic
-        free = ~np.any(outside, axis=(0, 1))
-        if steps[0] > _FAR or not np.any(free):
-            return np.inf
-        asked = np.concatenate([place[None], surface.box.kept(places[:, :, free].reshape(-1, dimension))])
-        value, error = surface.produce(asked, surface.rtol)
-        beside, bars = (part[1:].reshape(2, 2, -1).sum(axis=1) for part in (value, error))
-        jump, noise = (2 * value[0] - beside) / steps[:, None], (2 * error[0] + bars) / steps[:, None]
-        # Curvature adds in proportion to the step. Twice, because the kink may be off the place by a part of the shorter one.
-        sharp = (np.maximum(4 * jump[1] - jump[0], 0) + 4 * noise[1] + noise[0]) / 3
-        bound = 2 * float(np.sum(sharp))
-        return bound if np.isfinite(bound) else np.inf
 
     def _outwards(self, place: np.ndarray) -> None:
         """The ends of the ranges that are as near as a climb's rule reaches: towards them it may stop in its own noise."""

@@ -10,12 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from brdfcheck.quadrature.anisotropy import CLEAN, TREMORS, apart
+from brdfcheck.quadrature.pointwise import TwoSided
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
 _POINTS = (2048, 4096, 9216, 9216)
 # Values of the cosine in a scan of a function.
 _COSINES = 513
+# One of so many points of the first scan is looked at on both sides of the plane of incidence.
+_BOTH_SIDES = 4
 # Into how many parts the angles are divided, each with its share of the starts.
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many at the end by the third.
@@ -68,8 +71,9 @@ class Scan:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
         box = surface.box
-        self.points = self.look(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]), -np.inf)
+        self.points = self._first(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]))
         self._straighten()
+        self._refine(self.points, -np.inf)
 
     def again(self, turn: int, best: float, winner: np.ndarray, odd: np.ndarray) -> Points:
         """Another scan, disjoint from those before: evenly, where the surface may rise above the best seen, and echoes.
@@ -88,12 +92,27 @@ class Scan:
 
     def look(self, places: np.ndarray, best: float) -> Points:
         """A scan by the quick rule, and finer rules where that may matter for what is higher than `best`."""
+        found = self._glance(places)
+        self._refine(found, best)
+        return found
+
+    def _first(self, places: np.ndarray) -> Points:
+        """The first glance, which tells whether one side of the plane of incidence is enough for the others."""
+        both = np.arange(len(places)) % _BOTH_SIDES == 0
+        if self.surface.fast:
+            return self._glance(places)
+        points = self._glance(places[both])
+        self.surface.albedo.look_at_sides()
+        return points.joined(self._glance(places[~both]))
+
+    def _glance(self, places: np.ndarray) -> Points:
         value, error = self.surface.estimate(0, places)
-        found = Points(places, value, error, np.zeros(len(value), int))
+        return Points(places, value, error, np.zeros(len(value), int))
+
+    def _refine(self, points: Points, best: float) -> None:
         finer = (_THIRD,) if self.surface.fast else (_SECOND, _THIRD)
         for level, most in zip(range(1, self.surface.finest + 1), finer, strict=False):
-            self._sharpen(found, level, int(most * self.scale), best)
-        return found
+            self._sharpen(points, level, int(most * self.scale), best)
 
     def sharpen(self, best: float) -> None:
         """Take what may be higher than the best by the finest of the quick rules."""
@@ -138,6 +157,9 @@ class Scan:
                 here, there = (self._turned(places[suspects], *(turn + TREMORS)) for turn in _TURNS)
                 told = apart(here, there, clean)
             albedo.anisotropic = bool(np.any(told))
+            if albedo.anisotropic and albedo.mirrored:
+                albedo.two_sided = True
+                raise TwoSided
         if not albedo.anisotropic:
             surface.without_azimuth()
             points.places = points.places[:, :-1]

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo, TwoSided
 from brdfcheck.runtime import keep_freed_memory
-from brdfcheck.verdict.climb import Climbs, climb
+from brdfcheck.verdict.climb import Climbs, Trail, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
 from brdfcheck.verdict.scan import Points, Scan
@@ -46,6 +46,8 @@ _BOUNDED = 1 / 16
 _HIGHEST, _TOP = 4, 1e-9
 # Scans after the first one, at most.
 _AGAIN = 4
+# Ends of climbs that are nearer to each other are one, if they are as high.
+_SAME, _LEVEL = 1e-3, 1e-5
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
 _LINE, _RIVALS = 513, 24
 # Which part of a line is far enough from a place for it to stand out, and how many places that do are looked at again.
@@ -111,9 +113,15 @@ def supremum(
     BRDF fails.
     """
     keep_freed_memory()
-    search = _Search(albedo, threshold, rtol, effort, watch or (lambda points, best: None))
-    with np.errstate(all="ignore"):
-        found = search.run()
+    watch = watch or (lambda points, best: None)
+    try:
+        search = _Search(albedo, threshold, rtol, effort, watch)
+        with np.errstate(all="ignore"):
+            found = search.run()
+            search.surface.confirm_sides(search.winner)
+    except TwoSided:  # found out late: from now on both sides of the plane of incidence are looked at
+        albedo.mirrored = False
+        return supremum(albedo, threshold=threshold, intervals=intervals, rtol=rtol, effort=effort, watch=watch)
     box = search.surface.box
     # Between the two values of a switch there is nothing.
     if intervals and len(box.swept) == 1 and not albedo.family.switches & {*box.swept} and not np.isnan(found.value):
@@ -140,6 +148,8 @@ class _Search:
         # Parameters of which all angles are looked at.
         self.odd = np.zeros((0, self.surface.box.dimension))
         self.climbs = 0
+        # By level, where climbs ended from which finer rules went on to a settled end: there the way is known.
+        self.known: dict[int, Trail] = {}
         # The part of their promise (how far they might rise above the best) that scanned points kept when they were confirmed;
         # and the points looked at by the rule of a verdict where the quick rules resolve nothing.
         self.kept = 1.0
@@ -200,6 +210,7 @@ class _Search:
         first = 1 if surface.finest > 0 and np.median(points.errors[chosen]) > 1e-2 else 0
         kept = (len(chosen), 5 if surface.fast else 10, 5)
         ends: Climbs | None = None
+        trails: dict[int, Trail] = {}
         doubt = points.errors[chosen]
         for level in range(first, surface.finest + 1):
             last = level == surface.finest
@@ -208,7 +219,7 @@ class _Search:
                 box,
                 places,
                 radii,
-                goal=surface.rise(1e-12 if surface.fast and last else 1e-10 if last else 1e-5),
+                goal=surface.rise(1e-12 if surface.fast and last else 1e-10 if last else _LEVEL),
                 rounds=40 if last else 24,
                 smallest=surface.step(1e-12 if surface.fast and last else 1e-8 if last else 1e-4),
                 drop=1e-2 if level else 5e-2,
@@ -222,13 +233,24 @@ class _Search:
                 doubt = np.abs(finer - ends.values) / 3
                 ends.values[:] = finer
                 keep = self.distinct(ends, doubt, kept[level + 1])
+                keep = keep[self.unknown(Trail(ends.places, finer).taken(keep), level)]
+                if not keep.size:
+                    break
                 doubt = doubt[keep]
+                trails = {
+                    **{key: trail.taken(keep) for key, trail in trails.items()},
+                    level: Trail(ends.places, finer).taken(keep),
+                }
                 places, radii = ends.places[keep], np.clip(3 * ends.radii[keep], 1e-3, 0.05)
-        assert ends is not None
-        keep = self.distinct(ends, doubt, 4)
-        best = self.winners.best + surface.rise(1e-8)
-        keep = [i for i in keep if not self.winners.is_climbed(ends.places[i]) or ends.values[i] > best]
-        self.confirm.ends(ends.taken(np.array(keep, int)))
+        else:
+            assert ends is not None
+            for level, trail in trails.items():
+                settled = trail.taken(np.flatnonzero(ends.settled))
+                self.known[level] = self.known[level].joined(settled) if level in self.known else settled
+            keep = self.distinct(ends, doubt, 4)
+            best = self.winners.best + surface.rise(1e-8)
+            keep = [i for i in keep if not self.winners.is_climbed(ends.places[i]) or ends.values[i] > best]
+            self.confirm.ends(ends.taken(np.array(keep, int)))
         # What the scan saw higher than the climbs ended is confirmed as it is: a jump, or a place that no model fits.
         reach = points.reach
         higher = np.flatnonzero((points.levels == surface.finest) & (reach > self.winners.best + surface.rise(1e-9)))
@@ -250,9 +272,22 @@ class _Search:
                 break
             if index in chosen or not ends.values[index] + doubt[index] > least - 2e-2 * max(1, abs(least)):
                 continue
-            if self.surface.box.distance(ends.places[chosen], ends.places[index]).min(initial=np.inf) >= 1e-3:
+            if self.surface.box.distance(ends.places[chosen], ends.places[index]).min(initial=np.inf) >= _SAME:
                 chosen.append(int(index))
         return np.array(chosen, int)
+
+    def unknown(self, ends: Trail, level: int) -> np.ndarray:
+        """Which ends of climbs by the rule of a level are none from which the way is known."""
+        if level not in self.known:
+            return np.ones(len(ends.values), bool)
+        places, height = self.known[level]
+        return np.array(
+            [
+                not np.any((self.surface.box.distance(places, place) < _SAME) & (height >= value - _LEVEL * max(1, abs(value))))
+                for place, value in zip(*ends, strict=True)
+            ],
+            bool,
+        )
 
     def rivals(self) -> None:
         """Climb from the crests that lines through the winner, along each axis, go over."""

@@ -129,6 +129,10 @@ class Surface:
         places[self.box.physical(places)[1] < GRAZING, self.angle] = 0
         return places
 
+    def confirm_sides(self, place: np.ndarray) -> None:
+        """TwoSided where the albedo at a place is not that of one side of the plane of incidence, if that is what is taken."""
+        self.albedo.confirm_sides(*self._physical(place[None], False))
+
     def without_azimuth(self) -> None:
         """From now on without an axis for the azimuth."""
         self.box = self.box.changed(turning=False)

@@ -1,0 +1,90 @@
+"""Functions are asked on one side of the plane of incidence where both are the same, and on both where they are not."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.microfacet import GGX
+from brdfcheck.quadrature import pointwise
+from brdfcheck.quadrature.adaptive import integrate_hemisphere
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo, TwoSided
+from brdfcheck.verdict import scan
+from brdfcheck.verdict.supremum import supremum
+
+
+def lopsided(sign: float, width: float = np.inf):
+    """0.9, and beside p = 0.6 up to 0.15 more, all of which is reflected to one side: the left, or for -1 the right."""
+
+    def build(p):
+        def brdf(wi, wo):
+            side = (1 + jnp.tanh(20 * sign * (wi[..., 0] * wo[..., 1] - wi[..., 1] * wo[..., 0]))) / 2
+            return (0.9 + 0.3 * jnp.maximum(1 - ((p - 0.6) / width) ** 2, 0) * side) / jnp.pi
+
+        return brdf
+
+    return PointwiseAlbedo(Family("lopsided", build, {"p": (0.0, 1.0)}))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("width", [np.inf, 0.01])
+def test_what_is_reflected_to_one_side(sign: float, width: float):
+    albedo = lopsided(sign, width)
+    found = supremum(albedo)
+    assert (albedo.anisotropic, albedo.two_sided, albedo.mirrored) == (False, True, False)
+    assert abs(found.value - 1.05) <= found.error < 1e-6
+
+
+def test_what_is_found_out_late(monkeypatch: pytest.MonkeyPatch):
+    """The side that is asked has all of it, which the albedo of both sides at the winner tells."""
+    monkeypatch.setattr(scan, "_BOTH_SIDES", 10**9)  # the first corner alone is seen on both sides
+    monkeypatch.setattr(pointwise, "has_two_sides", lambda *_: False)
+    albedo = lopsided(1.0, 0.3)
+    found = supremum(albedo)
+    assert albedo.two_sided
+    assert abs(found.value - 1.05) <= found.error < 1e-6
+
+
+def test_both_sides_are_told_apart_at_a_place(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pointwise, "has_two_sides", lambda *_: False)
+    albedo = lopsided(1.0, 0.3)
+    albedo.look_at_sides()
+    assert albedo.mirrored
+    place = np.array([[0.1]]), np.array([0.5]), np.zeros(1)
+    albedo.confirm_sides(*place)  # there is nothing there
+    with pytest.raises(TwoSided):
+        albedo.confirm_sides(np.array([[0.6]]), *place[1:])
+
+
+def test_one_side_costs_half_and_says_the_same():
+    lobe = GGX(0.3)
+
+    def build(k):
+        return lambda wi, wo: k * lobe(wi, wo)
+
+    place = np.array([[0.8]]), np.array([0.4]), np.array([0.7])
+    answers = {}
+    for mirrored in (False, True):
+        albedo = PointwiseAlbedo(Family("ggx", build, {"k": (0.0, 1.0)}))
+        if mirrored:
+            albedo.look_at_sides()
+        assert albedo.mirrored is mirrored
+        value, error = albedo(*place)
+        quick = [albedo.estimate(*place, level)[0] for level in range(albedo.levels)]
+        answers[mirrored] = value, error, albedo.evaluations, *quick
+    whole, half = answers[False], answers[True]
+    assert abs(whole[0] - half[0]) <= whole[1] < 1e-8
+    assert half[2] == pytest.approx(whole[2] / 2, rel=0.01)
+    np.testing.assert_allclose(half[3:], whole[3:], rtol=1e-12)
+
+
+def test_an_integral_of_one_side_has_the_bar_of_both():
+    def value(wo):
+        return np.exp(-40 * (wo[:, 0] + 0.3) ** 2 - 10 * np.abs(wo[:, 1]))
+
+    whole, half = (integrate_hemisphere(value, 0.6, tolerance=1e-7, half=half) for half in (False, True))
+    assert abs(half.value - whole.value) <= half.error < 1e-7
+    assert half.error > whole.error / 4
+    assert half.evaluations == pytest.approx(whole.evaluations / 2, rel=0.01)
