@@ -407,6 +407,17 @@ def test_a_needle_that_the_quick_rules_blur_has_no_kink():
     assert abs(found.value - 0.999) <= found.error < 1e-4
 
 
+def test_a_quick_search_resolves_what_the_second_rule_does_not():
+    # Phong to 200: more points are in doubt than a quick search takes by the third rule, which tells that none is higher.
+    def phong(n):
+        return lambda wi, wo: (n + 2) / (2 * jnp.pi) * jnp.maximum(jnp.sum(wi * jnp.array([-1.0, -1.0, 1.0]) * wo, -1), 0) ** n
+
+    found = supremum(PointwiseAlbedo(Family("phong", phong, {"n": (1.0, 200.0)})), effort="quick")
+    assert abs(found.value - 1) <= found.error < 1e-9
+    assert found.width["n"] < 0.005
+    assert found.width["angle"] < 1
+
+
 def not_finite(value: float) -> Surface:
     def surface(parameters, mu, _):
         return np.where((parameters[:, 0] > 500) & (mu < 0.1), value, 0.5)

@@ -116,7 +116,8 @@ class Scan:
 
     def sharpen(self, best: float) -> None:
         """Take what may be higher than the best by the finest of the quick rules."""
-        self._sharpen(self.points, self.surface.finest, int(_LAST * self.scale), best)
+        high = int(np.count_nonzero(self.points.reach > best + _MARGIN * max(1, abs(best))))
+        self._sharpen(self.points, self.surface.finest, max(int(_LAST * self.scale), min(_LAST, high)), best)
 
     def _sharpen(self, points: Points, level: int, most: int, best: float) -> None:
         """Take the points that may be the highest by the rule of the next level; the change is the error."""
