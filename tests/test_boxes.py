@@ -125,7 +125,7 @@ def test_pieces_without_width_move_too(cosine: float):
     sine = float(np.sqrt((1 - cosine) * (1 + cosine)))
     boxes = initial_boxes(sine, cosine)
     for axis in (0, 1, 0):
-        boxes = boxes.halves(np.full(len(boxes.low), axis))
+        boxes = boxes.pieces(np.full(len(boxes.low), axis), np.array([0, 0.5, 1]))
     mesh = Mesh(boxes, cosine, Grid(np.array([[0.3, 0.6]])), np.ones(1))
     for moved in (0.999 * cosine, 1.001 * cosine):
         assert all(np.isfinite(part).all() for part in filled(mesh, moved))

@@ -10,7 +10,7 @@ A box carries the product of two Gauss-Kronrod rules (7, 15). Its error has two 
 * At probes just inside the faces, where a rule has no nodes, the value less what the polynomial through the nodes says:
   a sliver of something that has its body in the box next door.
 
-The box is halved across the axis to blame.
+The box is cut across the axis to blame (`quadrature.cuts`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brdfcheck.quadrature.boxes import CENTRE, Boxes, Grid, Mesh, directions, initial_boxes
+from brdfcheck.quadrature.cuts import Cuts, halvings_of, pieces_of
 
 # Probes sit this fraction of a box inside its faces; what they find wrong counts for this fraction of the box.
 _SKIN = 1e-5
@@ -198,13 +199,16 @@ class _Integrand:
         return np.where(np.isfinite(jump), jump, 0) * 2 * np.pi * sine * cosine * beside
 
 
-def _rises_without_end(sums: np.ndarray) -> np.ndarray:
-    """True for each channel whose sums (rounds, channels) rise by no less in the last rounds than in those before."""
+def _rises_without_end(sums: np.ndarray, halvings: np.ndarray) -> np.ndarray:
+    """True for each channel whose sums (rounds, channels) rise by no less in the last rounds than in those before.
+
+    `halvings` (rounds - 1,): for how many halvings of boxes each round stands.
+    """
     steps = np.diff(sums, axis=0)[-_LAST_ROUNDS:]
     if len(steps) < _LAST_ROUNDS:
         return np.zeros(sums.shape[1], bool)
-    half = _LAST_ROUNDS // 2
-    lasting = np.all(steps > 0, axis=0) & (steps[half:].mean(axis=0) > 0.9 * steps[:half].mean(axis=0))
+    half, rates = _LAST_ROUNDS // 2, steps / halvings[-_LAST_ROUNDS:, None]
+    lasting = np.all(steps > 0, axis=0) & (rates[half:].mean(axis=0) > 0.9 * rates[:half].mean(axis=0))
     return lasting & (steps.sum(axis=0) > 0.01 * np.abs(sums[-1]))  # rounding may creep up, but not that far
 
 
@@ -243,7 +247,7 @@ def integrate_hemisphere(
     sine = float(np.sqrt((1 - cos_theta) * (1 + cos_theta)))
     boxes = initial_boxes(sine, float(cos_theta), half)
     found = integrand.measure(boxes)
-    sums = []
+    sums, halvings, cuts = [], [], Cuts.none(len(boxes.low))
     for _ in range(_ROUNDS):
         sums.append(found.value.sum(axis=0))
         goal = tolerance * np.maximum(np.abs(found.value.sum(axis=0)), 1)
@@ -253,20 +257,24 @@ def integrate_hemisphere(
         # which rounding is the error.
         share = np.max(np.where(found.error > found.noise, found.error, 0) / goal, axis=-1)
         order = np.argsort(share)
-        room = max(max_evaluations // sides - integrand.evaluations, 0) // (2 * len(_POINTS))
-        chosen = order[np.cumsum(share[order]) > 0.5][::-1][:room]
+        chosen = order[np.cumsum(share[order]) > 0.5][::-1]
+        ways = cuts.taken(chosen).ways(found.axis[chosen], share[chosen], 0.5 / len(share))
+        room = max(max_evaluations // sides - integrand.evaluations, 0) // len(_POINTS)
+        fits = np.cumsum(pieces_of(ways)) <= room
+        chosen, ways = chosen[fits], ways[fits]
         if not chosen.size:
             break
-        halves = boxes.taken(chosen).halves(found.axis[chosen])
-        fresh = integrand.measure(halves)
+        halvings.append(np.average(halvings_of(ways), weights=share[chosen]))
+        pieces, fresh_cuts = cuts.taken(chosen).applied(boxes.taken(chosen), found.axis[chosen], share[chosen], ways)
+        fresh = integrand.measure(pieces)
         rest = np.delete(np.arange(len(share)), chosen)
-        boxes = boxes.taken(rest).joined(halves)
+        boxes, cuts = boxes.taken(rest).joined(pieces), cuts.taken(rest).joined(fresh_cuts)
         found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
     value = found.value.sum(axis=0)
     error = found.error.sum(axis=0) + found.noise.sum(axis=0) + integrand.slivers(sine, float(cos_theta))
     converged = bool(np.all(error <= tolerance * np.maximum(np.abs(value), 1))) and integrand.nonfinite == 0
     if not converged and np.any(error > 0.05 * np.abs(value)):
-        endless = _rises_without_end(np.array(sums))
+        endless = _rises_without_end(np.array(sums), np.array(halvings))
         value, error = np.where(endless, np.inf, value), np.where(endless, np.inf, error)
     if integrand.scalar:
         value, error = value[0], error[0]

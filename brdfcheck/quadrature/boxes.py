@@ -58,12 +58,12 @@ class Boxes(NamedTuple):
         """These boxes, then the others."""
         return Boxes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def halves(self, axis: np.ndarray) -> Boxes:
-        """The lower halves of all boxes across their `axis` (boxes,), then the upper ones."""
+    def pieces(self, axis: np.ndarray, stops: np.ndarray) -> Boxes:
+        """The boxes cut across their `axis` (boxes,) at parts of their size (0 to 1): all first pieces, then all second."""
         cut = axis[:, None] == np.arange(2)
-        size = np.where(cut, self.size / 2, self.size)
-        upper = np.where(cut, self.low + size, self.low)
-        return Boxes(np.concatenate([self.low, upper]), np.tile(size, (2, 1)), np.tile(self.patch, (2, 1)))
+        low = [np.where(cut, self.low + stop * self.size, self.low) for stop in stops[:-1]]
+        size = [np.where(cut, part * self.size, self.size) for part in np.diff(stops)]
+        return Boxes(np.concatenate(low), np.concatenate(size), np.tile(self.patch, (len(size), 1)))
 
 
 def _of_rows(table: np.ndarray) -> Boxes:
