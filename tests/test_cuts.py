@@ -20,7 +20,7 @@ def test_the_third_cut_towards_the_same_end_makes_four_pieces(piece: int, ends: 
         ways = cuts.ways(axis, error, 1e-3)
         assert (ways.item(), pieces_of(ways), halvings_of(ways)) == (0, 2, 1)
         boxes, cuts = cuts.applied(boxes, axis, error, ways)
-        boxes, cuts, error = boxes.taken([piece]), cuts.taken([piece]), error / 2
+        boxes, cuts, error = boxes.taken(np.array([piece])), cuts.taken(np.array([piece])), error / 2
     ways = cuts.ways(axis, error, 1e-3)
     assert (ways.item(), pieces_of(ways), halvings_of(ways)) == (2 * piece - 1, 4, 3)
     low, size = boxes.low[0], boxes.size[0]

@@ -72,8 +72,9 @@ def test_one_side_costs_half_and_says_the_same():
             albedo.look_at_sides()
         assert albedo.mirrored is mirrored
         value, error = albedo(*place)
+        asked = albedo.evaluations
         quick = [albedo.estimate(*place, level)[0] for level in range(albedo.levels)]
-        answers[mirrored] = value, error, albedo.evaluations, *quick
+        answers[mirrored] = value, error, asked, *quick
     whole, half = answers[False], answers[True]
     assert abs(whole[0] - half[0]) <= whole[1] < 1e-8
     assert half[2] == pytest.approx(whole[2] / 2, rel=0.01)

@@ -27,7 +27,7 @@ from brdfcheck.quadrature.cuts import Cuts, halvings_of, pieces_of
 _SKIN = 1e-5
 _SKIN_WEIGHT = 0.02
 # Rows given to `evaluate` at a time, and rounds of refinement.
-_LARGEST_BATCH = 48_000
+_LARGEST_BATCH = 72_000
 _ROUNDS = 58
 # Over how many rounds a sum is watched that does not converge.
 _LAST_ROUNDS = 12

@@ -38,12 +38,12 @@ TABULATED = 1e-5
 GRAZING = 1e-9
 """The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
 
-# The rules of the levels, from coarse to fine, on one side of the plane of incidence; each fills blocks of directions. The
-# first one has a companion of half its size, in the same block: their difference is its error.
+# The rules of the levels, from coarse to fine, on one side of the plane of incidence; they fill blocks of directions, and so do
+# they with their mirror images. The first one has a companion of half its size: their difference is its error.
 _LEVELS = (
     (GradedRule(10, 4, 4, 5, 1e-3, half=True), GradedRule(7, 3, 3, 3, 1e-3, half=True)),
-    (GradedRule(22, 8, 9, 10, 1e-4, half=True),),
-    (GradedRule(42, 14, 12, 18, 1e-6, half=True),),
+    (GradedRule(20, 8, 7, 9, 1e-4, half=True),),
+    (GradedRule(39, 14, 12, 18, 1e-6, half=True),),
 )
 # An albedo below which a difference of the sides is compared with this.
 _DARK = 1e-3
@@ -277,46 +277,47 @@ class PointwiseAlbedo:
         `sides`: 2 for its nodes and their mirror images.
         """
         size = sum(rule.size for rule in rules)
-        blocks = -(-size // BLOCK)
-        rows = sides * blocks
+        rows = -(-sides * size // BLOCK)
+        # Sums by each rule, and the difference of the sides.
+        watched = sides == 2 and len(rules) > 1
+        sums_of = len(rules) + watched
         sine = np.sqrt((1 - mu) * (1 + mu))
         wi = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=1)
-        value = np.zeros((len(rules), len(mu), evaluator.channels or 1))
+        value = np.zeros((sums_of, len(mu), evaluator.channels or 1))
         unknown: set[int] = set()
 
         def piece(points: np.ndarray) -> None:
             # Points of the same cosine share their nodes.
             cosines, which = np.unique(mu[points], return_inverse=True)
-            share = np.zeros((len(cosines), sides, len(rules), blocks * BLOCK))
+            share = np.zeros((len(cosines), sums_of, rows * BLOCK))
             space = evaluator.space(len(cosines) * rows)
-            wo = space[:, : len(cosines) * rows].reshape(3, len(cosines), sides, -1)
+            wo = space[:, : len(cosines) * rows].reshape(3, len(cosines), -1)
             start = 0
             for number, rule in enumerate(rules):
                 end = start + rule.size
-                rule.fill(cosines, wo[:, :, 0, start:end], share[:, 0, number, start:end])
+                rule.fill(cosines, wo[..., start:end], share[:, number, start:end])
                 start = end
-            wo[:, :, 0, size:] = wo[:, :, 0, size - 1 : size]
             if sides == 2:
+                end = 2 * size
+                wo[..., size:end] = wo[..., :size]
+                np.negative(wo[1, :, :size], out=wo[1, :, size:end])
                 share /= 2
-                wo[:, :, 1], share[:, 1] = wo[:, :, 0], share[:, 0]
-                np.negative(wo[1, :, 0], out=wo[1, :, 1])
+                share[..., size:end] = share[..., :size]
+                if watched:
+                    share[:, -1, :size], share[:, -1, size:end] = share[:, 0, :size], -share[:, 0, :size]
+            wo[..., end:] = wo[..., end - 1 : end]
             sums = evaluator.sums(
                 parameters[points][:, self._columns],
                 wi[points],
                 azimuth[points],
                 space,
-                np.moveaxis(share.reshape(len(cosines), sides, -1, blocks, BLOCK), 2, 3).reshape(len(cosines), rows, -1, BLOCK),
+                np.moveaxis(share.reshape(len(cosines), sums_of, rows, BLOCK), 1, 2),
                 which,
                 lambda at, *found: unknown.update(
                     points[at[self.seen.note(parameters[points[at]], wi[points[at]], *found)]].tolist()
                 ),
             )
-            found = sums.reshape(len(points), sides, blocks, len(rules), -1).sum(axis=2)
-            value[:, points] = np.moveaxis(found.sum(axis=1), 1, 0)
-            if sides == 2:
-                left, right = found[:, 0, 0], found[:, 1, 0]
-                scale = np.maximum(np.maximum(np.abs(left), np.abs(right)), _DARK)
-                self.two_sided |= bool(np.any(np.abs(left - right) > max(CLEAN, 64 * self.epsilon) * scale))
+            value[:, points] = np.moveaxis(sums.sum(axis=1), 1, 0)
 
         cores = 1 if evaluator.slow else len(available_cores())
         if evaluator.slow:
@@ -334,6 +335,9 @@ class PointwiseAlbedo:
         nodes = len(mu) * rows * BLOCK
         self.evaluations += nodes
         self.seen.values += nodes * (evaluator.channels or 1)
+        if watched:
+            least = max(CLEAN, 64 * self.epsilon) * np.maximum(np.abs(value[0]), _DARK)
+            self.two_sided |= bool(np.any(np.abs(value[-1]) > least))
         value[0, list(unknown)] = np.nan
         error = np.abs(value[0] - value[1]) if len(rules) > 1 else np.zeros_like(value[0])
         return (value[0, :, 0], error[:, 0]) if evaluator.channels is None else (value[0], error)
