@@ -143,7 +143,7 @@ class _File(pytest.File):
 
     def collect(self) -> Iterator[pytest.Item]:
         found = _subjects(self.config)
-        for name, request in found.files[os.path.realpath(self.path)].items() if found is not None else ():
+        for name, request in found.tests(os.path.realpath(self.path)).items() if found is not None else ():
             yield _Subject.from_parent(self, name=name, request=request)
 
 

@@ -297,6 +297,16 @@ def test_the_baseline_is_written_and_taken_away(run: Run, write: Write, here: Pa
     assert path.read_text() == before
 
 
+def test_what_the_baseline_accepts_from_now_on_is_no_failure(run: Run, write: Write) -> None:
+    write("brdfcheck.toml", GATE)
+    code, out, _ = run("check", "--update-baseline", "--quiet")
+    assert (code, out) == (ExitCode.PASSED, "brdfcheck.toml: 1 known, 1 changed\n")
+    code, out, _ = run("check", "--update-baseline", "--no-cache")
+    assert code == ExitCode.PASSED
+    (row,) = [line for line in out.splitlines() if line.startswith("mine.py:bright ")]
+    assert "known: found on " in row
+
+
 def test_a_stale_entry_is_a_warning_on_github(run: Run, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     write("brdfcheck.toml", '[[subjects]]\ntarget = "mine.py:bright"\nexpect = { violates = 2, reason = "so" }\n')
     monkeypatch.setenv("GITHUB_ACTIONS", "true")

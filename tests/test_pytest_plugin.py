@@ -264,6 +264,39 @@ def test_a_known_violation_passes_and_warns_when_it_is_out_of_date(
     assert "the known violation is smaller: its largest albedo is 1.05 (known: 1.5)" in result.stdout.str()
 
 
+def test_a_whole_file_is_a_test_for_each_of_its_brdfs(pytester: pytest.Pytester, session: Run) -> None:
+    pytester.makepyfile(one="def single(wi, wo):\n    return 0.1 + 0 * wi[..., 2]\n", lost="x = y\n")
+    subject = '[[subjects]]\ntarget = "{}"\neffort = "quick"\n{}\n'
+    known = 'over = { k = [0.5, 1] }\nexpect = { violates = 1.05000001, findings = ["reciprocal"], reason = "old scenes" }'
+    (pytester.path / "brdfcheck.toml").write_text(
+        subject.format("mine.py:*", known)
+        + subject.format("mine.py:bright", "")
+        + subject.format("lost.py:*", "")
+        + subject.format("one.py:*", "over = { m = [1, 2] }")
+    )
+    lines = session("--collect-only", "-q").stdout.lines
+    assert [line for line in lines if "::" in line] == [
+        "lost.py::*", "mine.py::matt", "mine.py::bright", "mine.py::one_way", "mine.py::bright #2", "one.py::single",
+    ]  # fmt: skip
+    result = session("-v", "-W", "always")
+    result.assert_outcomes(passed=3, failed=3, warnings=0)
+    result.stdout.fnmatch_lines(
+        [
+            "lost.py::[*] FAILED*",
+            "mine.py::matt PASSED*",
+            "mine.py::bright PASSED*",
+            "mine.py::one_way PASSED*",
+            "mine.py::bright #2 FAILED*",
+            "one.py::single FAILED*",
+        ]
+    )
+    assert "cannot import lost.py: line 1: NameError" in result.stdout.str()
+    assert "one.py:single has no parameter 'm'" in result.stdout.str()
+    for words in (("mine.py::matt",), ("-k", "matt")):
+        result = session(*words)
+        result.assert_outcomes(passed=1, deselected=0 if "::" in words[0] else 5)
+
+
 def test_a_project_that_is_wrong_is_said_in_one_line(pytester: pytest.Pytester, session: Run) -> None:
     (pytester.path / "brdfcheck.toml").write_text('[[subjects]]\ntarget = "mine.py:matt"\novr = 3\n')
     result = session()

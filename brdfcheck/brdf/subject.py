@@ -8,10 +8,13 @@ a user's BRDF, once it has been found, is not: that is a finding about the BRDF,
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import dataclasses
 import inspect
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -43,7 +46,8 @@ class Target:
 
     `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined, the file as it was
     named (None where that is no file named on a command line; the line also where a file has none, as a table).
-    `entry`: what the family is called without the values that its name ends with (None where it ends with none).
+    `entry`: what the family is called without the values that its name ends with (None where it ends with none). `unread`: it
+    could not be read; `finding` says why, and the family has nothing but its name.
     """
 
     family: Any
@@ -51,6 +55,25 @@ class Target:
     file: str | None = None
     line: int | None = None
     entry: str | None = None
+    unread: bool = False
+
+
+class _Unread(dict[str, UsageError]):
+    """Why names cannot be read. `others_go_on`: such a name is noted here, instead of ending everything."""
+
+    def __init__(self, others_go_on: bool):
+        super().__init__()
+        self._others_go_on = others_go_on
+
+    @contextlib.contextmanager
+    def noted(self, name: str) -> Iterator[None]:
+        """A UsageError within it is about this name alone."""
+        try:
+            yield
+        except UsageError as error:
+            if not self._others_go_on:
+                raise
+            self[name] = error
 
 
 @dataclass(frozen=True)
@@ -390,17 +413,39 @@ def resolve(
     cos_theta: Range | None,
     reading: Reading | None = None,
     modules: dict[str, ModuleType] | None = None,
+    *,
+    others_go_on: bool = False,
 ) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
     A user's Python file is imported here, once, however many of its objects are named; ``file.py:*`` names all that it offers.
     Of a parameter that has several `Values` each makes a target of its own; of a vector they are the components. `reading`:
-    how shader files are read; `modules`: users' Python files loaded so far, which load only once. Raises UsageError.
+    how shader files are read; `modules`: users' Python files loaded so far, which load only once; `others_go_on`: a name that
+    cannot be read becomes an `unread_target` in its place. Raises UsageError.
     """
     modules = {} if modules is None else modules
-    every = list(dict.fromkeys(part for name in names for part in spread(name, modules)))
-    known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
-    return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)
+    every: dict[str, None] = {}
+    unread = _Unread(others_go_on)
+    for name in names:
+        with unread.noted(name):
+            every |= dict.fromkeys(spread(name, modules))
+        every |= dict.fromkeys(unread.keys() & {name})
+
+    def known() -> Iterator[str]:
+        for name in every.keys() - unread.keys():
+            with _Unread(others_go_on).noted(name):
+                yield from signature_of(named(name, modules, reading)[0]).names
+
+    return by_value(lambda one: _resolve(list(every), one, cos_theta, reading, modules, copy.copy(unread)), ranges, known())
+
+
+def unread_target(name: str, error: UsageError) -> Target:
+    """What stands for a name that cannot be read."""
+    from brdfcheck.brdf.family import Family
+
+    file = split_spec(name)[0] if is_file_spec(name) else None
+    said = re.search(rf"{re.escape(file)}(?:: line |:)(\d+)\b", str(error)) if file else None
+    return Target(Family(name, lambda: None), one_line(error), file, int(said[1]) if said else None, unread=True)
 
 
 def spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
@@ -415,31 +460,37 @@ def _resolve(
     cos_theta: Range | None,
     reading: Reading | None,
     modules: dict[str, ModuleType],
+    unread: _Unread,
 ) -> list[Target]:
     """`resolve` for names of one BRDF each, and ranges."""
     from brdfcheck.brdf.family import Family
 
-    targets: list[Target] = []
+    targets: dict[str, Target] = {}
     known_ranges: set[str] = set()
-    waiting: list[tuple[int, Any, str]] = []
+    waiting: list[tuple[str, Any, str]] = []
     for name in names:
-        value, spec = named(name, modules, reading)
-        if isinstance(value, Family):
-            targets.append(catalog_target(name, ranges, cos_theta))
-            known_ranges |= {*targets[-1].family.ranges, *targets[-1].family.held}
-        else:
-            waiting.append((len(targets), value, spec))
-            targets.append(Target(None))
-    if reading is not None:
+        if name in unread:
+            continue
+        with unread.noted(name):
+            value, spec = named(name, modules, reading)
+            if isinstance(value, Family):
+                targets[name] = catalog_target(name, ranges, cos_theta)
+                known_ranges |= {*targets[name].family.ranges, *targets[name].family.held}
+            else:
+                waiting.append((name, value, spec))
+    # What a range or an option is for may be what could not be read.
+    whole = not unread
+    if reading is not None and whole:
         refuse_reading(reading, dict.fromkeys(names) | {spec: value for _, value, spec in waiting})
-    for index, value, spec in waiting:
+    for name, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
         own = signature_of(value)
         others = known_ranges.union(*(signature_of(other).names for _, other, _ in waiting if other is not value))
-        mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or key not in others}
-        targets[index] = family_of(value, spec, mine, cos_theta, reading if is_file_spec(spec) else None)
+        mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or (key not in others and whole)}
+        with unread.noted(name):
+            targets[name] = family_of(value, spec, mine, cos_theta, reading if is_file_spec(spec) else None)
     for parameter in ranges:
-        if not waiting and parameter not in known_ranges:
+        if whole and not waiting and parameter not in known_ranges:
             if len(names) == 1:
                 known = signature_of(named(names[0], modules)[0])
                 if parameter in known.whole:
@@ -447,4 +498,4 @@ def _resolve(
                 raise UsageError(no_parameter(names[0], parameter, known.names))
             known = ", ".join(sorted(known_ranges)) or "none"
             raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")
-    return targets
+    return [unread_target(name, unread[name]) if name in unread else targets[name] for name in names]

@@ -49,8 +49,8 @@ _RULES: dict[str, tuple[str, str, str, str]] = {
     "brdf/not-evaluated": (
         "NotEvaluated",
         "error",
-        "The BRDF could not be evaluated.",
-        "The message says what it raised and where.",
+        "The BRDF could not be read or evaluated.",
+        "The message says what is wrong and where.",
     ),
     "brdf/finding": ("Finding", "warning", "The BRDF has a defect.", "The message says which."),
     "check/reciprocal": (
