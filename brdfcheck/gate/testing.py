@@ -187,7 +187,7 @@ class Subjects:
     def tests(self, file: str) -> dict[str, Request]:
         """The subjects of a file by the names of their tests: the BRDF's own, in ``file.py:*`` of each that the file offers.
 
-        For these the file is imported, as pytest imports the files of other tests; where that fails one test is left and says so.
+        For these the file is imported, as pytest imports the files of other tests; where that fails one test says so.
         """
         found: dict[str, Request] = {}
         for subject in self.files[file]:
