@@ -161,11 +161,21 @@ def as_target(
     Raises UsageError (a ValueError) for unknown names, for parameters that have no range or do not exist, and where a lobe of
     this package refuses their values; TypeError for something that is not a BRDF.
     """
+    __tracebackhide__ = True  # what is wrong with the question is told by pytest at the line that asks it
     ranges = {} if ranges is None else ranges
     if isinstance(value, Target):
         return value
-    if isinstance(value, str):
-        return resolve([value], ranges, cos_theta, reading)[0]
+    try:
+        if isinstance(value, str):
+            return resolve([value], ranges, cos_theta, reading)[0]
+        return _of_object(value, ranges, cos_theta, reading)
+    except UsageError as error:
+        raise error.with_traceback(None) from None  # nor does anybody else need the way to it
+
+
+def _of_object(value: Any, ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None) -> Target:
+    """`as_target` of what is no name."""
+    __tracebackhide__ = True
     from brdfcheck.brdf.callables import name_of
     from brdfcheck.brdf.family import Family
 

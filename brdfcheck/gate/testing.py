@@ -92,6 +92,7 @@ class Checker:
 
     def check(self, brdf: Any, **options: Any) -> Report:
         """`brdfcheck.check`, in double precision."""
+        __tracebackhide__ = True
         from brdfcheck.verdict.checking import check
 
         with _double():
@@ -100,9 +101,10 @@ class Checker:
     def assert_conserves(self, brdf: Any, **options: Any) -> Report:
         """`brdfcheck.assert_conserves`: the report, or the test fails."""
         __tracebackhide__ = True
-        return self._told(lambda: self._asserted(brdf, options))
+        return self._told(functools.partial(self._asserted, brdf, options))
 
     def _asserted(self, brdf: Any, options: Mapping[str, Any]) -> Report:
+        __tracebackhide__ = True
         from brdfcheck.brdf.subject import as_target
 
         others = {"cos_theta", "tolerance", "rtol", "intervals", "effort", "watch"}
