@@ -122,7 +122,7 @@ def _render(
     if size is not None and max(size) > most:
         raise UsageError(f"--size: must be at most {most} pixels at --quality {quality}; got {max(size)}")
     start()
-    from brdfcheck.scene.images import write_image
+    from brdfcheck.scene.images import tone_mapped, write_image
 
     began = time.perf_counter()
     if brdf is not None:
@@ -131,11 +131,16 @@ def _render(
         image = _of_scene(what, size, samples, most, quality)
     else:
         image = _of_preset(what, size, quality, output)
+    said = ""
+    if brdf is not None and what == "sphere" and target.lower().endswith(".png"):
+        image, most = tone_mapped(image)
+        if most > 1:
+            said = f"; {most:.3g} times as bright as a matt white sphere, so that it is darkened (an .exr has the numbers)"
     seconds = time.perf_counter() - began
     with refused("--output", target):
         metadata = {"rendered": what if brdf is None else f"{what} of {brdf}", "quality": quality}
         write_image(target, image, bits=int(bits or "8"), metadata=metadata)
-    output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s")
+    output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s{said}")
     return ExitCode.PASSED
 
 
