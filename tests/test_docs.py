@@ -121,7 +121,7 @@ def test_the_first_command_of_the_readme_answers_what_is_printed_there(here: Pat
     (printed,) = re.findall(r"^```text\n(.*)\n```", (ROOT / "README.md").read_text(), re.M)
     assert cli.run(shlex.split(first)[1:]) == ExitCode.FAILED
     found = capsys.readouterr().out.splitlines()[1]
-    number = re.compile(r"[0-9.]*[0-9](?:e-[0-9]+)?")
+    number = re.compile(r"[0-9]+(?:\.[0-9]+)?(?:e-[0-9]+)?")
     said, wanted = ([float(text) for text in number.findall(line)] for line in (found, printed))
     assert number.sub("0", found).startswith(number.sub("0", printed))
     albedo, bar, *place = wanted
