@@ -218,7 +218,7 @@ def test_a_page_of_what_cannot_be_evaluated(run: Any, here: Path) -> None:
     ("words", "said"),
     [
         ("check phong --html page.txt", "must end in .html or .htm; got 'page.txt'"),
-        ("check phong --html a.html --sarif a.html", "--sarif and --html cannot both write to a.html"),
+        ("check phong --json a.json --sarif a.json", "--json and --sarif cannot both write to a.json"),
         ("check phong --html no/a.html", "the folder"),
         ("view phong -o page.png", "must end in .html or .htm; got 'page.png'"),
         ("sweep config.toml --dry-run --html a.html", "--html is made of a store that is filled"),

@@ -195,7 +195,8 @@ def again(run: Callable[[], object], files: Callable[[], set[Path]], pause: Call
     while True:
         before = _stamps(files())
         run()
-        print(f"brdfcheck: watching {len(before)} files; Ctrl-C ends", file=sys.stderr, flush=True)
+        count = "1 file" if len(before) == 1 else f"{len(before)} files"
+        print(f"brdfcheck: watching {count}; Ctrl-C ends", file=sys.stderr, flush=True)
         while _stamps(files()) == before:
             pause()
 

@@ -179,14 +179,18 @@ def size(text: str) -> Size:
     raise BadParameter(f"must be SIDE or HEIGHTxWIDTH, whole numbers from 1 to {MOST_PIXELS}; got {one_line(text)!r}")
 
 
-def file(*names: str, help: str, ends: tuple[str, ...] = (), stdout: bool = False) -> Any:
-    """The option of these names for a file to write, which ends in one of `ends`; `stdout`: it may be "-"."""
+def file(*names: str, help: str, ends: tuple[str, ...], bare: bool = False, stdout: bool = False) -> Any:
+    """The option of these names for a file to write, which ends in one of `ends`; `stdout`: it may be "-".
+
+    `bare`: the ending does not choose the format, and a name may have none.
+    """
     wanted = " or ".join(filter(None, (", ".join(ends[:-1]), *ends[-1:])))
 
     def parse(text: str) -> str:
         if stdout and text == "-":
             return text
-        if ends and Path(text).suffix.lower() not in ends:
+        ending = Path(text).suffix.lower()
+        if ending not in ends and not (bare and not ending):
             raise BadParameter(f"must end in {wanted}; got {one_line(text)!r}")
         trouble = trouble_with(text)
         if trouble:
