@@ -62,6 +62,17 @@ def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypat
     assert config.find() is None
 
 
+def test_of_two_lists_in_a_folder_none_is_passed_over(run: Run, write: Write) -> None:
+    write("brdfcheck.toml", '[[subjects]]\ntarget = "lambert"\n')
+    write("pyproject.toml", '[project]\nname = "x"\n')
+    assert run("check")[0] == ExitCode.PASSED
+    write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "mine.py:bright"\n')
+    code, out, err = run("check")
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert "brdfcheck.toml and pyproject.toml both list BRDFs" in err
+    assert run("check", "--config", "brdfcheck.toml")[0] == ExitCode.PASSED
+
+
 @pytest.mark.parametrize("text", ["tool = 3", "[tool]\nbrdfcheck = 3"])
 def test_a_pyproject_that_has_no_table_there(run: Run, write: Write, text: str) -> None:
     write("pyproject.toml", text)

@@ -200,6 +200,7 @@ def test_check_and_view_write_a_page(run: Any, here: Path) -> None:
     text = (here / "page.html").read_text()
     assert len(text.encode()) < 300_000
     assert "1 of 2 BRDFs does not conserve energy" in text
+    assert '<li class="pill CONSERVES">1 conserves energy</li><li class="pill VIOLATES">1 violates it</li>' in text
     assert "brdfcheck check blinn-phong-6 --effort quick" in text
     (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert [entry["rows"]["name"] for entry in json.loads(data)] == ["n", "n"]

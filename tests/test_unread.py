@@ -152,6 +152,29 @@ def test_a_known_violation_stays_while_its_file_cannot_be_read(run: Run, write: 
     assert path.read_text() == text
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        (".", ". is a folder; give a file in it"),
+        ("below", "below is a folder; give a file in it, or list its BRDFs with brdfcheck init"),
+        ("mine:bright", "there is no reader for a file without an ending; did you mean mine.py:bright?"),
+        ("mine.bright", "there is no reader for files that end in '.bright'; did you mean mine.py:bright?"),
+        ("GONE.PY:bright", "there is no file 'GONE.PY'"),
+    ],
+)
+def test_what_one_types_by_mistake(run: Run, write: Write, here: Path, name: str, said: str) -> None:
+    (here / "below").mkdir()
+    code, out, err = run("check", name)
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert said in err
+
+
+def test_a_name_that_is_given_twice_is_checked_once(run: Run) -> None:
+    code, out, _ = run("check", "lambert", "lambert", "--effort", "quick")
+    assert code == ExitCode.PASSED
+    assert "1 conserves, 0 violate" in out
+
+
 def test_names_may_be_strict(write: Write, files: None) -> None:
     given: Any = {"k": (1.0, 1.0)}
     with pytest.raises(UsageError, match=r"raises\.py"):

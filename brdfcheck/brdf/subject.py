@@ -13,6 +13,7 @@ import copy
 import dataclasses
 import inspect
 import logging
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -401,6 +402,8 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
         found = next((part for room in (lobes, microfacet, transmission) if (part := getattr(room, name, None))), None)
         if inspect.isclass(found) and issubclass(found, (AbstractBRDF, AbstractBSDF)) and getattr(found, "__final__", False):
             return found, name
+        if os.path.isdir(name):
+            raise UsageError(f"{name} is a folder; give a file in it, or list its BRDFs with brdfcheck init and check the list")
         if is_file_spec(name):
             return load_file(name, Reading() if reading is None else reading, modules)
     return catalog.entry(name).family, name

@@ -133,7 +133,7 @@ def check_command(
     else:
         project.refuse_options_of_projects(names, config, update_baseline)
         own = {**options, "effort": effort or "normal"}
-        wanted = tuple(names or project.validated())
+        wanted = tuple(dict.fromkeys(names or project.validated()))
         requests = Request(wanted, ranges, cos_theta, how, **own).apart()
     if watch:
         return project.watched(project.filtered(requests, substring), gate, substring)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
 from brdfcheck.cli import words
 from brdfcheck.cli.app import PLAIN, ExitCode, Hold, asked, command, start
 from brdfcheck.cli.output import Output, refused
@@ -176,7 +178,7 @@ def _of_brdf(
 ) -> Any:
     """A picture of one BRDF. UsageError where it is not known, or cannot be called."""
     from brdfcheck.brdf.blame import told
-    from brdfcheck.brdf.readers.specs import is_file_spec
+    from brdfcheck.brdf.family import NoRange
     from brdfcheck.scene.functions import brdf_of
     from brdfcheck.scene.presets import OF_ONE, render_brdf
 
@@ -194,6 +196,8 @@ def _of_brdf(
             label = ", ".join((name, *(f"{parameter} = {value:g}" for parameter, value in values.items())))
             with output.waiting(f"rendering a {kind} of {name}; the first time, programs are compiled for it"):
                 return render_brdf(kind, shown, label, side, quality)
+    except NoRange as error:
+        raise UsageError(f"{error}: {' '.join(f'--set {parameter}=VALUE' for parameter in error.names)}") from None
     except UsageError:
         raise
     except (Exception, SystemExit) as error:
@@ -217,6 +221,10 @@ def _of_preset(name: str, size: words.Size | None, quality: str, output: Output)
     try:
         named(name)
     except KeyError as error:
+        from brdfcheck.brdf import catalog
+
+        if name in catalog.names() or (is_file_spec(name) and os.path.isfile(split_spec(name)[0])):
+            raise UsageError(f"{name} is no preset: say how to show it, as in render sphere --brdf {name}") from None
         raise UsageError(one_line(error.args[0])) from None
     text = f"rendering {name}: {{}} pictures done; the first time, programs are compiled for them"
     with output.waiting(text.format(0)) as show:

@@ -262,13 +262,15 @@ def read(path: str | Path) -> Gate | None:
 def find(folder: Path | None = None) -> Gate | None:
     """The subjects of the project that `folder` (by default the current one) is in: of the nearest file up to its root.
 
-    The root is where there is a .git. UsageError where the file is wrong.
+    The root is where there is a .git. UsageError where the file is wrong, and where two files of one folder list subjects.
     """
     folder = Path.cwd() if folder is None else folder
     for here in (folder, *folder.parents):
-        for name in (OWN, SHARED):
-            if (here / name).is_file() and (found := read(_near(here) / name)) is not None:
-                return found
+        found = [gate for name in (OWN, SHARED) if (here / name).is_file() and (gate := read(_near(here) / name)) is not None]
+        if len(found) > 1:
+            raise UsageError(f"{OWN} and {SHARED} both list BRDFs: put them into one of the two, or choose one with --config")
+        if found:
+            return found[0]
         if (here / ".git").exists():
             break
     return None

@@ -101,7 +101,7 @@ def _import_trouble(error: BaseException, path: Path) -> str:
 
 def offered(path: str, modules: dict[str, ModuleType]) -> list[str]:
     """All that a Python file offers as BRDFs, as specs: its public callables, of ``__all__`` where it has that. UsageError."""
-    if not path.endswith(".py"):
+    if not path.lower().endswith(".py"):
         raise UsageError(f"{path}:*: only Python files are taken whole; name the function, as in {path}:NAME")
     if path not in modules:
         modules[path] = load_module(path)
@@ -136,7 +136,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
     """
     modules = {} if modules is None else modules
     path, name = split_spec(spec)
-    if not path.endswith(".py"):
+    if not path.lower().endswith(".py"):
         raise UsageError(f"{spec!r}: a BRDF of your own is given as path/to/file.py:object")
     if path not in modules:
         modules[path] = load_module(path)

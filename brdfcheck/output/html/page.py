@@ -126,8 +126,8 @@ def _chips(entries: Sequence[Entry]) -> str:
         return ""
     counts = records.count(reports)
     said = [
-        (counts["conserve"], "conserve energy", "CONSERVES"),
-        (counts["violate"], "violate it", "VIOLATES"),
+        (counts["conserve"], f"conserve{'s' * (counts['conserve'] == 1)} energy", "CONSERVES"),
+        (counts["violate"], f"violate{'s' * (counts['violate'] == 1)} it", "VIOLATES"),
         (counts["undecided"], "undecided", "UNDECIDED"),
         (counts["unread"], "could not be read", "ERROR"),
         (counts["with_findings"], "with findings", "UNDECIDED"),
