@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -160,10 +161,14 @@ def test_a_known_violation_stays_while_its_file_cannot_be_read(run: Run, write: 
         ("mine:bright", "there is no reader for a file without an ending; did you mean mine.py:bright?"),
         ("mine.bright", "there is no reader for files that end in '.bright'; did you mean mine.py:bright?"),
         ("GONE.PY:bright", "there is no file 'GONE.PY'"),
+        ("wide.py:f", "cannot import wide.py: it is not text in UTF-8: it holds zero bytes"),
+        ("pipe.py:f", "pipe.py is no ordinary file"),
     ],
 )
 def test_what_one_types_by_mistake(run: Run, write: Write, here: Path, name: str, said: str) -> None:
     (here / "below").mkdir()
+    (here / "wide.py").write_text("f = 3\n", encoding="utf-16")
+    os.mkfifo(here / "pipe.py")
     code, out, err = run("check", name)
     assert (code, out) == (ExitCode.USAGE_ERROR, "")
     assert said in err

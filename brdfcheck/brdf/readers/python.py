@@ -36,8 +36,11 @@ def load_module(path_text: str) -> ModuleType:
             raise UsageError(f"{path_text} is a folder; give a Python file, as in mine.py:brdf")
         if not path.exists():
             raise UsageError(f"there is no file {path_text!r}")
+        if not path.is_file():
+            raise UsageError(f"{path_text} is no ordinary file")
         path = path.resolve()
-        path.read_bytes()
+        if b"\0" in path.read_bytes():
+            raise UsageError(f"cannot import {path_text}: it is not text in UTF-8: it holds zero bytes")
     except UsageError:
         raise
     except (OSError, ValueError) as error:
@@ -86,7 +89,8 @@ def _importable(folder: Path) -> Iterator[None]:
 def _import_trouble(error: BaseException, path: Path) -> str:
     if isinstance(error, SyntaxError):
         where = "" if error.filename in (None, str(path)) else f"{error.filename} "
-        return f"{where}line {error.lineno}: {type(error).__name__}: {one_line(error.msg)}"
+        line = "" if error.lineno is None else f"line {error.lineno}: "
+        return f"{where}{line}{type(error).__name__}: {one_line(error.msg)}"
     line = None
     traceback = error.__traceback__
     while traceback is not None:
