@@ -174,6 +174,15 @@ def test_what_one_types_by_mistake(run: Run, write: Write, here: Path, name: str
     assert said in err
 
 
+def test_a_file_that_cannot_be_imported_is_tried_once(run: Run, write: Write) -> None:
+    write("loud.py", "print('tried')\nx = y\n")
+    write("brdfcheck.toml", listed("loud.py:f", "lambert", "loud.py:*", "loud.py:g"))
+    code, out, err = run("check")
+    assert code == ExitCode.USAGE_ERROR
+    assert out.count("cannot import loud.py: line 2") == 3
+    assert err.splitlines().count("tried") == 1
+
+
 def test_a_name_that_is_given_twice_is_checked_once(run: Run) -> None:
     code, out, _ = run("check", "lambert", "lambert", "--effort", "quick")
     assert code == ExitCode.PASSED

@@ -60,6 +60,27 @@ def load_module(path_text: str) -> ModuleType:
     return module
 
 
+class _Failed(ModuleType):
+    """Stands for a file that could not be loaded; `error` says why."""
+
+    def __init__(self, error: UsageError):
+        super().__init__("failed")
+        self.error = error
+
+
+def _once(path: str, modules: dict[str, ModuleType]) -> ModuleType:
+    """The module of a file, which is run once however many of its objects are named, also where that fails. UsageError."""
+    if path not in modules:
+        try:
+            modules[path] = load_module(path)
+        except UsageError as error:
+            modules[path] = _Failed(error)
+    found = modules[path]
+    if isinstance(found, _Failed):
+        raise found.error.with_traceback(None)
+    return found
+
+
 _last_folder: Path | None = None
 
 
@@ -107,9 +128,7 @@ def offered(path: str, modules: dict[str, ModuleType]) -> list[str]:
     """All that a Python file offers as BRDFs, as specs: its public callables, of ``__all__`` where it has that. UsageError."""
     if not path.lower().endswith(".py"):
         raise UsageError(f"{path}:*: only Python files are taken whole; name the function, as in {path}:NAME")
-    if path not in modules:
-        modules[path] = load_module(path)
-    names = _offers(modules[path])
+    names = _offers(_once(path, modules))
     if not names:
         raise UsageError(f"{path}:*: it defines no public callable")
     return [f"{path}:{name}" for name in names]
@@ -142,9 +161,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
     path, name = split_spec(spec)
     if not path.lower().endswith(".py"):
         raise UsageError(f"{spec!r}: a BRDF of your own is given as path/to/file.py:object")
-    if path not in modules:
-        modules[path] = load_module(path)
-    module = modules[path]
+    module = _once(path, modules)
     offers = _offers(module)
     choices = f"it offers {', '.join(offers)}" if offers else "it defines no public callable"
     if not name:
