@@ -183,6 +183,8 @@ def test_a_furnace_calls_a_function_of_numpy_for_many_pixels_at_once() -> None:
         (("sphere",), "sphere: say of which BRDF, as in --brdf mine.py:glossy"),
         (("sphere", "--brdf", "Phong"), "Phong: the parameter n must be given as a number: --set n=VALUE"),
         (("mine.py:pair",), "mine.py:pair is no preset: say how to show it, as in render sphere --brdf mine.py:pair"),
+        (("sphere", "--brdf", "phong", "--set", "n=1", "--set", "n=2"), "--set: the parameter 'n' is given twice"),
+        (("sphere", "--brdf", "phong", "--set", "n=x"), "--set: n=x: 'x' is not a number"),
         (("phong",), "phong is no preset: say how to show it, as in render sphere --brdf phong"),
         (("sphere", "--brdf", "phong", "--set", "n=1:5"), "--set n=1:5: a picture is of one BRDF; give n one value"),
         (("sphere", "--brdf", "mine.py:pair", "--set", "q=1"), "mine.py:pair has no parameter 'q'; its parameters: n"),

@@ -58,6 +58,12 @@ def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypat
     found = config.find()
     assert found is not None
     assert found.requests()[0].names == (os.path.join("..", "..", "mine.py:bright"),)
+    monkeypatch.chdir(here / "deep")
+    write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "deep/mine.py:f"\n')
+    found = config.find()
+    assert found is not None
+    assert found.requests()[0].names == ("mine.py:f",), "as seen from here, not by way of the root"
+    monkeypatch.chdir(here / "deep" / "er")
     (here / "deep" / ".git").mkdir()
     assert config.find() is None
 

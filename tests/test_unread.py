@@ -16,6 +16,8 @@ from shared import Run
 from brdfcheck.brdf.subject import resolve
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
+from brdfcheck.output import sarif
+from brdfcheck.verdict import Report, Verdict
 
 write = projects.write
 
@@ -172,6 +174,23 @@ def test_what_one_types_by_mistake(run: Run, write: Write, here: Path, name: str
     code, out, err = run("check", name)
     assert (code, out) == (ExitCode.USAGE_ERROR, "")
     assert said in err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of files are text")
+def test_a_name_that_is_no_text_is_in_every_report(run: Run, here: Path) -> None:
+    """Python reads such bytes as surrogates, which no file can hold; JAX names no function after them."""
+    name = os.fsdecode(b"odd\xff.py")
+    (here / name).write_text("def f(wi, wo):\n    return 0.1 + 0 * wi[..., 2]\n")
+    # Quiet, for the stream of a test holds no surrogates either; that of the command shows them as numbers.
+    words = ["--json", "r.json", "--junitxml", "r.xml", "--html", "r.html", "--effort", "quick", "--quiet"]
+    code, out, err = run("check", f"{name}:f", *words)
+    assert (code, out, err) == (ExitCode.PASSED, "", "")
+    (report,) = json.loads((here / "r.json").read_text())["results"]
+    assert (report["name"], report["verdict"]) == (f"{name}:f", "CONSERVES")
+    assert "odd\\udcff.py:f" in (here / "r.html").read_text()
+    lost = Report(f"{name}:f", Verdict.UNDECIDED, {}, findings=("cannot be evaluated",))
+    (result,) = json.loads(sarif.to_sarif([lost], [(name, 1)], folder="."))["runs"][0]["results"]
+    assert result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] == "odd%FF.py"
 
 
 def test_a_file_that_cannot_be_imported_is_tried_once(run: Run, write: Write) -> None:

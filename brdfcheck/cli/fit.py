@@ -91,7 +91,7 @@ def _fit(
     A factor that the lobe carries already is taken off first. The verdict holds over all exponents of the range and all
     angles. What has no exponent gets one constant.
     """
-    held = words.together(over)
+    held = words.together(over, option="--set")
     if "n" in held:
         raise UsageError("--over n=...: give the exponents with --n")
     for key, (low, high) in held.items():

@@ -98,7 +98,7 @@ def _render(
 ) -> int:
     """Render a preset, a scene, or a BRDF of your own to a file."""
     output = Output()
-    held = words.together(hold)
+    held = words.together(hold, option="--set")
     if brdf is None and (held or not how.is_plain):
         what_for = "--set goes" if held else "-D, -I, --args and --returns go"
         raise UsageError(f"{what_for} with --brdf; a scene says it in its file")

@@ -120,8 +120,8 @@ def open_setting(text: str) -> Setting | Components:
     return Setting(name, Interval(low, math.inf))
 
 
-def together(settings: Iterable[Setting | Components] | None, *, lists: bool = False) -> dict[str, Any]:
-    """The parameters and their ranges; a vector by its components. UsageError where one is given twice.
+def together(settings: Iterable[Setting | Components] | None, *, lists: bool = False, option: str = "--over") -> dict[str, Any]:
+    """The parameters and their ranges; a vector by its components. UsageError, naming the option, where one is given twice.
 
     `lists`: what may be a vector may also be a list of values, which the BRDF has to tell: it stays one, as `Values`.
     """
@@ -133,13 +133,13 @@ def together(settings: Iterable[Setting | Components] | None, *, lists: bool = F
         elif lists:
             pairs.append((item.name, Values(item.values)))
         elif len(item.values) > 4:
-            raise UsageError(f"--over {item.name}: a vector has at most 4 components; got {len(item.values)}")
+            raise UsageError(f"{option} {item.name}: a vector has at most 4 components; got {len(item.values)}")
         else:
             parts = components(item.name, item.values)
             pairs += [(name, Interval(*bounds)) for name, bounds in parts.items()]
     for name, bounds in pairs:
         if name in ranges:
-            raise UsageError(f"--over: the parameter {name!r} is given twice")
+            raise UsageError(f"{option}: the parameter {name!r} is given twice")
         ranges[name] = bounds
     return ranges
 

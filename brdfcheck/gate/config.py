@@ -235,11 +235,11 @@ def _near(folder: Path) -> Path:
 def placed(target: str, folder: Path) -> str:
     """A target as seen from here; its file is meant as seen from `folder`."""
     if target.startswith("mitsuba:") and ".xml" in target:
-        return f"mitsuba:{os.path.normpath(_near(folder) / target.removeprefix('mitsuba:'))}"
+        return f"mitsuba:{os.path.relpath(folder / target.removeprefix('mitsuba:'))}"
     if target.startswith(PREFIXES) or not is_file_spec(target):
         return target
     path, name = split_spec(target)
-    near = os.path.normpath(_near(folder) / path)
+    near = path if os.path.isabs(path) else os.path.relpath(folder / path)
     return near if name is None else f"{near}:{name}"
 
 

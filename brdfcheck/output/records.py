@@ -339,7 +339,8 @@ def _temporary(folder: Path) -> Path:
 def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write `content` to `path` as a whole or not at all: a reader never sees half a file. OSError where that fails."""
     target = Path(os.path.realpath(path))
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    # Names of files may hold bytes of no encoding, which are shown as numbers.
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     if target.exists() and not target.is_file():  # a device or a pipe cannot be replaced
         target.write_bytes(data)
         return

@@ -199,7 +199,7 @@ def _physical(place: Place, root: str) -> dict[str, Any] | None:
         return None
     path = Path(os.path.realpath(file))
     if path.is_relative_to(root):
-        artifact = {"uri": quote(path.relative_to(root).as_posix()), "uriBaseId": _ROOT}
+        artifact = {"uri": quote(os.fsencode(path.relative_to(root).as_posix())), "uriBaseId": _ROOT}
     else:
         artifact = {"uri": path.as_uri()}
     return {"artifactLocation": artifact, "region": {"startLine": line or 1}}

@@ -25,7 +25,12 @@ class _SourceLoader(SourceFileLoader):
     """Compiles the source each time: a cached file would be stale where two edits fall within one second."""
 
     def get_code(self, fullname: str) -> Any:
-        return self.source_to_code(self.get_data(self.path), self.path)
+        return self.source_to_code(self.get_data(self.path), _printable(self.path))
+
+
+def _printable(path: str) -> str:
+    """The path without the surrogates that stand for bytes of no encoding, with which JAX names no function."""
+    return path.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def load_module(path_text: str) -> ModuleType:
@@ -115,7 +120,7 @@ def _import_trouble(error: BaseException, path: Path) -> str:
     line = None
     traceback = error.__traceback__
     while traceback is not None:
-        if traceback.tb_frame.f_code.co_filename == str(path):
+        if traceback.tb_frame.f_code.co_filename == _printable(str(path)):
             line = traceback.tb_lineno
         traceback = traceback.tb_next
     at = "" if line is None else f"line {line}: "
