@@ -166,7 +166,8 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
 
 
 def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval], how: Reading) -> Target:
-    from brdfcheck.brdf.subject import named, resolve, signature_of
+    from brdfcheck.brdf.signatures import signature_of
+    from brdfcheck.brdf.subject import named, resolve
 
     modules: dict[str, Any] = {}
     own = signature_of(named(name, modules, how)[0])

@@ -122,7 +122,8 @@ def marked(
     function: Callable[..., Any], arguments: Mapping[str, Any], positional: Sequence[Any], given: Mapping[str, Any]
 ) -> None:
     """Check what a marked function returns, or the family that it is. `arguments`: values of its fixtures. Failure."""
-    from brdfcheck.brdf.subject import as_target, resolve, signature_of
+    from brdfcheck.brdf.signatures import signature_of
+    from brdfcheck.brdf.subject import as_target, resolve
     from brdfcheck.brdf.values import by_value
 
     name = getattr(function, "__name__", "the function")
@@ -202,7 +203,8 @@ class Subjects:
 
     def _each(self, subject: Request) -> list[Request]:
         """A request for each BRDF of a file, with the ranges of its parameters; the subject itself where it cannot be read."""
-        from brdfcheck.brdf.subject import named, signature_of, spread
+        from brdfcheck.brdf.signatures import signature_of
+        from brdfcheck.brdf.subject import named, spread
 
         try:
             with contextlib.chdir(self.folder), _double():
