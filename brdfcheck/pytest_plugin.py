@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -143,7 +144,7 @@ class _File(pytest.File):
 
     def collect(self) -> Iterator[pytest.Item]:
         found = _subjects(self.config)
-        for name, request in found.files[os.path.realpath(self.path)].items() if found is not None else ():
+        for name, request in found.tests(os.path.realpath(self.path)).items() if found is not None else ():
             yield _Subject.from_parent(self, name=name, request=request)
 
 
@@ -159,8 +160,11 @@ class _Subject(pytest.Item):
         assert found is not None
 
         def work() -> None:
+            file, line = self._asked.place
             for text in found.check(self._asked):
-                self.warn(pytest.PytestWarning(text))
+                # At the entry that is out of date, and not where the BRDF is.
+                where = str(Path(found.folder, file)) if file is not None else str(self.path)
+                warnings.warn_explicit(pytest.PytestWarning(text), None, where, line or 1)
 
         _told(self, work)
 

@@ -84,7 +84,7 @@ def plot(record: dict[str, Any]) -> Any:
             for value, look in zip((floor, one, every), LOOKS, strict=True):
                 axes.plot(value, line, **look)
             axes.annotate(
-                f"{paper.text_of(float(f'{one / floor:.2g}'))}x",
+                f"{paper.text_of(float(f'{one / floor:.2g}'))} ×",
                 (max(one, every), line),
                 (8, 0),
                 textcoords="offset points",
@@ -92,9 +92,7 @@ def plot(record: dict[str, Any]) -> Any:
                 fontsize=8,
             )
         axes.set_yticks(range(len(results)), [result["path"] for result in results], fontsize=9)
-        axes.set(
-            xscale="log", xlabel="nanoseconds for one cell of the table, or one albedo, or one check (error estimate included)"
-        )
+        axes.set(xscale="log", xlabel="nanoseconds for a cell of a table, an albedo or a check, with its error estimate")
         low, high = (
             end(max(r[key], 1e-3) for r in results for key in ("floor", "one_core", "all_cores")) for end in (min, max)
         )

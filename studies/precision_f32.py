@@ -101,7 +101,12 @@ def plot(record: dict[str, Any]) -> Any:
             axes.yaxis.set_major_formatter(lambda tick, _: paper.power_tick(tick))
             axes.minorticks_off()
             axes.grid(True)
-        lines = [profile.plot([], [], color=LOBES[kind][0], marker=LOBES[kind][1], ms=3.5)[0] for kind in kinds]
+        curves = {
+            VARIANTS[r["name"]][0] for r in record["results"] if r["parameter"] == "n"
+        }  # the others are points on the right
+        points, curve = {"marker": "o", "ms": 4, "linestyle": ""}, {"ms": 3.5}
+        looks = {kind: {"marker": LOBES[kind][1], **curve} if kind in curves else points for kind in kinds}
+        lines = [profile.plot([], [], color=LOBES[kind][0], **look)[0] for kind, look in looks.items()]
         figure.legend(lines, list(kinds), loc="outside lower center", ncol=10, handlelength=1.4, columnspacing=1.4)
         low = {"ylim": (2e-8, 1e-4), "xlabel": "n"}
         profile.set(title="values of the lobe, worst form", ylabel="relative error where g ≥ 10⁻⁴", **low)

@@ -16,6 +16,7 @@ masking, roughness or alpha, where nodes lie. What they are compared with has er
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -67,15 +68,17 @@ def plot(record: dict[str, Any]) -> Any:
             image = axes.imshow(
                 values, norm=LogNorm(1e-6, 1), cmap="plasma", origin="lower", extent=(0, 1, 0, 1), interpolation="nearest"
             )
-            name = result["name"] if len(result["name"]) < 28 else f"{result['name'][:25]}..."
+            # Names of files are long, and break at their underscores.
+            name = "\n".join(textwrap.wrap(result["name"].replace("_", "_ "), 28)).replace("_ ", "_")
             axes.set_title(f"{name}\nup to {result['largest']:.2g}", fontsize=9)
             axes.grid(False)
         for axes in list(grid.flat)[len(results) :]:
             axes.set_axis_off()
         for axes in grid[:, 0]:
             axes.set_ylabel("roughness")
-        for axes in grid[-1]:
+        for axes in list(grid.flat)[max(len(results) - columns, 0) : len(results)]:  # the lowest of each column
             axes.set_xlabel("cos θ")
+            axes.tick_params(labelbottom=True)
         scale = figure.colorbar(image, ax=grid, aspect=40, extend="min")
         paper.decades(scale.ax.set_yticks, range(-6, 1))
         scale.minorticks_off()

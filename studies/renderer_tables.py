@@ -71,7 +71,7 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def plot(record: dict[str, Any]) -> Any:
     """Error against seconds of the ways to make each table."""
-    colors = {"brdfcheck": "#8C2D04", "numpy": "#0072B2", "Mitsuba": "#661100", "scipy with numba": "#009E73"}
+    colors = {"brdfcheck": "#8C2D04", "numpy": "#0072B2", "Mitsuba": "#CC79A7", "scipy with numba": "#009E73"}
     jobs = {"GGX": f"GGX, {record['settings']['count']} x {record['settings']['count']}", "Beckmann": "Beckmann metal, 32 x 32"}
     cores = {"GGX": "one core", "Beckmann": "all cores"}
     with paper.house_style():

@@ -104,7 +104,8 @@ def plot(record: dict[str, Any]) -> Any:
                     below = f"{result['rms']:.1e}" if result["rms"] else "0: the reference"
                     axes.annotate(f"{precision}: {below}", xytext=(0, 8), ha="center", **here)
                 elif (shading, precision) == ("phong" if result is own[-1] else "flat", "float32"):  # where there is room
-                    axes.annotate(f"{result['faces']:,} faces", xytext=(-7, -2), ha="right", **here)
+                    place = {"xytext": (0, -13), "ha": "center"} if result is own[-1] else {"xytext": (-7, -2), "ha": "right"}
+                    axes.annotate(f"{result['faces']:,} faces", **place, **here)
         ticks, decades = [1, 2, 5, 10, 20, 50], range(-3, 1)
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         paper.decades(axes.set_yticks, decades)

@@ -286,6 +286,20 @@ def test_the_action_in_a_shell(tmp_path: Path, code: int) -> None:
     assert (tmp_path / "output").read_text().splitlines() == [f"exit-code={code}", *written]
 
 
+def test_the_docs_name_a_version_that_does_not_move() -> None:
+    text = (ROOT / "docs" / "reports.md").read_text()
+    named = re.findall(r"(?:OWNER/brdfcheck@|rev: )(\S+)", text)
+    assert named == [f"v{brdfcheck.__version__}"] * 2
+
+
+def test_a_name_without_an_ending_is_taken(run: Any, here: Path) -> None:
+    words = shlex.split("--sarif sarif --junitxml junit --badge badge --json json")
+    code, _, err = run("check", "lambert", "--effort", "quick", *words)
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert json.loads((here / "sarif").read_text())["version"] == "2.1.0"
+    assert run("check", "lambert", "--effort", "quick", "--sarif", "r.sarif.json")[0] == ExitCode.PASSED
+
+
 def test_the_hook_runs_check() -> None:
     (hook,) = yaml(".pre-commit-hooks.yaml")
     assert hook["language"] == "python"

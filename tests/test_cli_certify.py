@@ -112,6 +112,7 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         ([], "give a BRDF to certify, or --verify FILE"),
         (["--verify", "c.json", "-o", "d.json"], "--verify takes the ranges from the certificate"),
         (["--verify", "c.json"], "--verify: cannot read 'c.json': No such file"),
+        (["phong", "-o", "c.png"], "--out: must end in .json; got 'c.png'"),
         (["phong", "-o", "no/c.json"], "cannot write 'no/c.json': the folder"),
     ],
 )

@@ -14,7 +14,7 @@ from shared import Run
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
-from brdfcheck.scene import presets
+from brdfcheck.scene import images, presets
 from brdfcheck.scene.functions import brdf_of
 from brdfcheck.scene.materials import Term
 from brdfcheck.scene.white_furnace import furnace_excess, furnace_largest
@@ -99,6 +99,56 @@ def test_a_sphere_and_a_furnace_of_any_brdf(run: Run, files: Path, name: str, op
     assert sphere.max() > 60
 
 
+@pytest.mark.parametrize("n", [4.0, pytest.param(30.0, marks=pytest.mark.slow), 500.0])
+def test_a_highlight_is_seen_whole(run: Run, here: Path, n: float) -> None:
+    def render(target: str) -> str:
+        words = ("--brdf", "phong", "--set", f"n={n}", "--size", "96", "--quality", "draft", "-o", target)
+        code, out, _ = run("render", "sphere", *words)
+        assert code == ExitCode.PASSED
+        return out
+
+    said = render("s.png")
+    shown = picture(here / "s.png")[..., 0]
+    assert shown.max() == 255
+    assert np.count_nonzero(shown == 255) <= 0.2 * np.count_nonzero(shown > 127), "no disc of white"
+    assert len(np.unique(shown)) > 15
+    assert "so that it is darkened" in said
+    import OpenEXR
+
+    render("s.exr")
+    with OpenEXR.File(str(here / "s.exr")) as file:
+        numbers = file.channels()["RGB"].pixels[..., 0]
+    assert numbers.max() > n / 4, "the numbers themselves are not touched"
+    assert f"{numbers.max():.3g} times as bright as a matt white sphere" in said
+    # The order of brightness stays, and what is below 1 is in proportion to what it was.
+    order = np.argsort(numbers, axis=None, kind="stable")
+    assert np.all(np.diff(shown.ravel()[order].astype(int)) >= 0)
+    tail = (numbers > 0.05) & (numbers < 1)
+    ratio = images.tone_mapped(np.stack([numbers] * 3))[0][0][tail] / numbers[tail]
+    assert np.ptp(ratio) < 1e-6
+    assert ratio.max() >= 0.5 - 1e-6
+
+
+def test_a_matt_sphere_is_shown_as_it_is(run: Run, here: Path) -> None:
+    words = ("--brdf", "lambert", "--set", "reflectance=1", "--size", "24", "--quality", "draft", "-o", "s.png")
+    assert "darkened" not in run("render", "sphere", *words)[1]
+    lit = presets.render_brdf("sphere", brdf_of("lambert", {"reflectance": 1.0}), "", 24, "draft")
+    np.testing.assert_array_equal(picture(here / "s.png").reshape(24, 24, 3), images.codes(lit))
+
+
+def test_the_tone_curve_is_continuous() -> None:
+    row = np.broadcast_to(np.linspace(0, 1, 9, dtype=np.float32), (3, 1, 9))
+    for most in (0.5, 1.0, 1.5, 2.0, 2.0001, 3.0, 1e6):
+        found, measured = images.tone_mapped(row * np.float32(most))
+        assert measured == pytest.approx(most)
+        assert found.max() == pytest.approx(min(most, 1.0), rel=1e-6)
+    just_above, two = images.tone_mapped(row * np.float32(2.0001))[0], images.tone_mapped(row * np.float32(2))[0]
+    np.testing.assert_allclose(just_above, two, atol=1e-3)
+    colored = np.array([3.0, 1.5, 0.3], np.float32).reshape(3, 1, 1)
+    mapped = images.tone_mapped(colored)[0].ravel()
+    np.testing.assert_allclose(mapped / mapped[0], [1, 0.5, 0.1], rtol=1e-5)
+
+
 def test_a_furnace_shows_what_is_reflected(files: Path) -> None:
     for name, expected in (("bright", 1.25), ("loop", 0.5), ("rgb", [0.2, 0.4, 1.1])):
         brdf = brdf_of(f"{files}/mine.py:{name}", {})
@@ -131,7 +181,11 @@ def test_a_furnace_calls_a_function_of_numpy_for_many_pixels_at_once() -> None:
     ("words", "message"),
     [
         (("sphere",), "sphere: say of which BRDF, as in --brdf mine.py:glossy"),
-        (("sphere", "--brdf", "Phong"), "Phong: the parameter n must be given as a number"),
+        (("sphere", "--brdf", "Phong"), "Phong: the parameter n must be given as a number: --set n=VALUE"),
+        (("mine.py:pair",), "mine.py:pair is no preset: say how to show it, as in render sphere --brdf mine.py:pair"),
+        (("sphere", "--brdf", "phong", "--set", "n=1", "--set", "n=2"), "--set: the parameter 'n' is given twice"),
+        (("sphere", "--brdf", "phong", "--set", "n=x"), "--set: n=x: 'x' is not a number"),
+        (("phong",), "phong is no preset: say how to show it, as in render sphere --brdf phong"),
         (("sphere", "--brdf", "phong", "--set", "n=1:5"), "--set n=1:5: a picture is of one BRDF; give n one value"),
         (("sphere", "--brdf", "mine.py:pair", "--set", "q=1"), "mine.py:pair has no parameter 'q'; its parameters: n"),
         (("sphere", "--brdf", "mine.py:pair", "-D", "X"), "-D, -I and --args are for shader files; mine.py:pair is Python"),

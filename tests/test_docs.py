@@ -45,6 +45,8 @@ LONG = (
     "check 'mine.py:*'", "check mine.py:glossy --over n=1,10,100", "fit ggx", "table ggx --over roughness=0:1",
 )  # fmt: skip
 ELSEWHERE = ("--scheduler",)
+# What is shown because it does not pass.
+FAILS = ("check blinn.glsl",)
 
 
 def files() -> dict[str, str]:
@@ -97,7 +99,9 @@ def test_the_pages_show_something() -> None:
     assert {"mine.py", "config.toml", "scene.toml"} <= set(files())
     assert len(commands()) > 25
     assert len(programs()) >= 5
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 180
+    front = (ROOT / "README.md").read_text().splitlines()
+    assert len(front) <= 180
+    assert max(map(len, front)) <= 128
 
 
 @pytest.mark.parametrize("command", few(commands(), [command for command in commands() if not command.startswith(LONG)]))
@@ -111,7 +115,20 @@ def test_a_command_runs(command: str, here: Path, capsys: pytest.CaptureFixture[
     if command == "plot factor fit.json":
         assert cli.run(["fit", "binomial-power-half", "--json", "fit.json"]) == ExitCode.PASSED
     code = cli.run([*words, *shlex.split(SHORTER.get(command, ""))])
-    assert code == ExitCode.PASSED, "".join(capsys.readouterr())
+    assert code == (ExitCode.FAILED if command.startswith(FAILS) else ExitCode.PASSED), "".join(capsys.readouterr())
+
+
+def test_the_first_command_of_the_readme_answers_what_is_printed_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, *_ = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("    brdfcheck ")]
+    (printed,) = re.findall(r"^```text\n(.*)\n```", (ROOT / "README.md").read_text(), re.M)
+    assert cli.run(shlex.split(first)[1:]) == ExitCode.FAILED
+    found = capsys.readouterr().out.splitlines()[1]
+    number = re.compile(r"[0-9]+(?:\.[0-9]+)?(?:e-[0-9]+)?")
+    said, wanted = ([float(text) for text in number.findall(line)] for line in (found, printed))
+    assert number.sub("0", found).startswith(number.sub("0", printed))
+    albedo, bar, *place = wanted
+    assert said[:2] == [pytest.approx(albedo, abs=bar), pytest.approx(bar, rel=0.5)]
+    assert said[2 : len(wanted)] == pytest.approx(place, abs=1e-3)
 
 
 @pytest.mark.parametrize(

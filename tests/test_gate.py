@@ -58,8 +58,25 @@ def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypat
     found = config.find()
     assert found is not None
     assert found.requests()[0].names == (os.path.join("..", "..", "mine.py:bright"),)
+    monkeypatch.chdir(here / "deep")
+    write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "deep/mine.py:f"\n')
+    found = config.find()
+    assert found is not None
+    assert found.requests()[0].names == ("mine.py:f",), "as seen from here, not by way of the root"
+    monkeypatch.chdir(here / "deep" / "er")
     (here / "deep" / ".git").mkdir()
     assert config.find() is None
+
+
+def test_of_two_lists_in_a_folder_none_is_passed_over(run: Run, write: Write) -> None:
+    write("brdfcheck.toml", '[[subjects]]\ntarget = "lambert"\n')
+    write("pyproject.toml", '[project]\nname = "x"\n')
+    assert run("check")[0] == ExitCode.PASSED
+    write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "mine.py:bright"\n')
+    code, out, err = run("check")
+    assert (code, out) == (ExitCode.USAGE_ERROR, "")
+    assert "brdfcheck.toml and pyproject.toml both list BRDFs" in err
+    assert run("check", "--config", "brdfcheck.toml")[0] == ExitCode.PASSED
 
 
 @pytest.mark.parametrize("text", ["tool = 3", "[tool]\nbrdfcheck = 3"])
@@ -295,6 +312,16 @@ def test_the_baseline_is_written_and_taken_away(run: Run, write: Write, here: Pa
     assert "1 baseline entry out of date" in out
     assert run("check", "--update-baseline")[0] == ExitCode.PASSED
     assert path.read_text() == before
+
+
+def test_what_the_baseline_accepts_from_now_on_is_no_failure(run: Run, write: Write) -> None:
+    write("brdfcheck.toml", GATE)
+    code, out, _ = run("check", "--update-baseline", "--quiet")
+    assert (code, out) == (ExitCode.PASSED, "brdfcheck.toml: 1 known, 1 changed\n")
+    code, out, _ = run("check", "--update-baseline", "--no-cache")
+    assert code == ExitCode.PASSED
+    (row,) = [line for line in out.splitlines() if line.startswith("mine.py:bright ")]
+    assert "known: found on " in row
 
 
 def test_a_stale_entry_is_a_warning_on_github(run: Run, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -274,6 +274,15 @@ def test_a_file_that_is_saved_is_checked_again(write: Write, here: Path, capsys:
     assert "watching 2 files" in capsys.readouterr().err
 
 
+def test_one_file_is_no_files(write: Write, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def pause() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        project.again(lambda: None, lambda: {here / "mine.py"}, pause)
+    assert "watching 1 file;" in capsys.readouterr().err
+
+
 def test_watching_is_a_process_that_checks_again(write: Write, here: Path) -> None:
     words = [sys.executable, "-m", "brdfcheck", "check", "mine.py:bright", "--effort", "quick", "--watch"]
     environment = {**os.environ, "PYTHONPATH": str(Path(brdfcheck.__file__).parent.parent)}

@@ -200,6 +200,7 @@ def test_check_and_view_write_a_page(run: Any, here: Path) -> None:
     text = (here / "page.html").read_text()
     assert len(text.encode()) < 300_000
     assert "1 of 2 BRDFs does not conserve energy" in text
+    assert '<li class="pill CONSERVES">1 conserves energy</li><li class="pill VIOLATES">1 violates it</li>' in text
     assert "brdfcheck check blinn-phong-6 --effort quick" in text
     (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert [entry["rows"]["name"] for entry in json.loads(data)] == ["n", "n"]
@@ -218,7 +219,7 @@ def test_a_page_of_what_cannot_be_evaluated(run: Any, here: Path) -> None:
     ("words", "said"),
     [
         ("check phong --html page.txt", "must end in .html or .htm; got 'page.txt'"),
-        ("check phong --html a.html --sarif a.html", "--sarif and --html cannot both write to a.html"),
+        ("check phong --json a.json --sarif a.json", "--json and --sarif cannot both write to a.json"),
         ("check phong --html no/a.html", "the folder"),
         ("view phong -o page.png", "must end in .html or .htm; got 'page.png'"),
         ("sweep config.toml --dry-run --html a.html", "--html is made of a store that is filled"),

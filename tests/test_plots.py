@@ -158,6 +158,15 @@ def test_two_that_violate_are_named_once():
     assert said.count("phong") == 1
 
 
+def test_one_that_violates_has_no_sample_without_a_name():
+    other = exponent_curve("blinn-phong-8", np.linspace(1.0, 1.2, 40), [(1, 1000)])
+    for curves, count in (([PUBLISHED, exponent_curve()], 0), ([PUBLISHED, other, exponent_curve()], 2)):
+        figure = plots.figure("albedo-vs-n", curves)
+        strip = figure.axes[1]
+        samples = [line for line in strip.get_lines() if not line.get_transform().contains_branch(strip.transData)]
+        assert len(samples) == 2 * count, "a piece of the line and its marker"
+
+
 def test_what_leaves_the_axis_is_said():
     huge = exponent_curve("binomial-power-unclamped", np.geomspace(0.9, 1e28, 40), [(50, 1000)])
     figure = plots.figure("albedo-vs-n", [huge, exponent_curve()])

@@ -147,6 +147,50 @@ def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: 
 
 
 @pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        ("matt, k=(5, 1)", "UsageError: the range of k is empty: 5 > 1"),
+        ("matt, k=3", "UsageError: the range of k must be two numbers (LO, HI); got 3"),
+        ("matt, q=(1, 5)", "UsageError: matt has no parameter 'q'; its parameters: k"),
+        ("matt", "NoRange: matt: the parameter k must be given a range"),
+        ("matt, k=(1, 5), effort='slow'", "ValueError: effort must be one of quick, normal, thorough; got 'slow'"),
+        ("matt, k=(1, 5), cos_theta=(1, 2)", "UsageError: cos_theta must run within 0:1; got 1:2"),
+        ("3", "TypeError: a BRDF must be callable"),
+        ("'gone.py:f'", "UsageError: there is no file 'gone.py'"),
+        ("'phong', n=(-1, 5)", "UsageError: phong at n=-1: n must be finite and >= 0"),
+    ],
+)
+def test_what_is_wrong_with_a_question_is_one_line_below_the_one_that_asks_it(
+    pytester: pytest.Pytester, session: Run, call: str, said: str
+) -> None:
+    pytester.makepyfile(
+        f"""
+        import brdfcheck as package
+        from mine import matt
+
+        def test_fixture(brdfcheck):
+            brdfcheck.assert_conserves({call})
+
+        def test_check(brdfcheck):
+            brdfcheck.check({call})
+
+        def test_package():
+            package.assert_conserves({call})
+        """
+    )
+    result = session("--no-showlocals", "-rN")
+    result.assert_outcomes(failed=3)
+    lines = [line for line in result.stdout.lines if line.strip()]
+    for door in ("brdfcheck.assert_conserves", "brdfcheck.check", "package.assert_conserves"):
+        (asked,) = [index for index, line in enumerate(lines) if line == f">       {door}({call})"]
+        error = (
+            lines[asked + 1].removeprefix("E       ").removeprefix("brdfcheck.messages.").removeprefix("brdfcheck.brdf.family.")
+        )
+        assert error.startswith(said)
+        assert lines[asked + 2].startswith("test_what_is_wrong_with_a_question")
+
+
+@pytest.mark.parametrize(
     ("marker", "body", "said"),
     [
         ("ovr={}", "return matt", "unknown key 'ovr'; did you mean over?"),
@@ -262,6 +306,41 @@ def test_a_known_violation_passes_and_warns_when_it_is_out_of_date(
     result = session("mine.py", "-W", "always")
     result.assert_outcomes(passed=2, warnings=1)
     assert "the known violation is smaller: its largest albedo is 1.05 (known: 1.5)" in result.stdout.str()
+    # At the line of the project's file that lists it.
+    result.stdout.fnmatch_lines([f"*{pytester.path / 'pyproject.toml'}:7: PytestWarning: *"])
+
+
+def test_a_whole_file_is_a_test_for_each_of_its_brdfs(pytester: pytest.Pytester, session: Run) -> None:
+    pytester.makepyfile(one="def single(wi, wo):\n    return 0.1 + 0 * wi[..., 2]\n", lost="x = y\n")
+    subject = '[[subjects]]\ntarget = "{}"\neffort = "quick"\n{}\n'
+    known = 'over = { k = [0.5, 1] }\nexpect = { violates = 1.05000001, findings = ["reciprocal"], reason = "old scenes" }'
+    (pytester.path / "brdfcheck.toml").write_text(
+        subject.format("mine.py:*", known)
+        + subject.format("mine.py:bright", "")
+        + subject.format("lost.py:*", "")
+        + subject.format("one.py:*", "over = { m = [1, 2] }")
+    )
+    lines = session("--collect-only", "-q").stdout.lines
+    assert [line for line in lines if "::" in line] == [
+        "lost.py::*", "mine.py::matt", "mine.py::bright", "mine.py::one_way", "mine.py::bright #2", "one.py::single",
+    ]  # fmt: skip
+    result = session("-v", "-W", "always")
+    result.assert_outcomes(passed=3, failed=3, warnings=0)
+    result.stdout.fnmatch_lines(
+        [
+            "lost.py::[*] FAILED*",
+            "mine.py::matt PASSED*",
+            "mine.py::bright PASSED*",
+            "mine.py::one_way PASSED*",
+            "mine.py::bright #2 FAILED*",
+            "one.py::single FAILED*",
+        ]
+    )
+    assert "cannot import lost.py: line 1: NameError" in result.stdout.str()
+    assert "one.py:single has no parameter 'm'" in result.stdout.str()
+    for words in (("mine.py::matt",), ("-k", "matt")):
+        result = session(*words)
+        result.assert_outcomes(passed=1, deselected=0 if "::" in words[0] else 5)
 
 
 def test_a_project_that_is_wrong_is_said_in_one_line(pytester: pytest.Pytester, session: Run) -> None:

@@ -237,6 +237,25 @@ def test_in_a_checkout_and_in_an_installation(tmp_path, monkeypatch):
 # --- pieces ---
 
 
+def test_figures_show_names_whole_and_waste_no_room():
+    record = json.loads((ROOT / "reports" / "published_tables" / "record.json").read_text())
+    figure = studies.load(STUDIES["published_tables"]).plot(record)
+    titles = ["".join(axes.get_title().split("\n")[:-1]) for axes in figure.axes]
+    assert [title for title in titles if title] == [result["name"] for result in record["results"]]
+    (bars,) = (
+        studies.load(STUDIES["materialx_surfaces"])
+        .plot({"results": [{"name": "a", "verdict": "VIOLATES", "albedo": albedo} for albedo in (0.5, 1.5)]})
+        .axes
+    )
+    assert 1.5 < bars.get_xlim()[1] < 1.8
+    (bars,) = (
+        studies.load(STUDIES["shader_corpus"])
+        .plot({"results": [{"name": "a", "verdict": "VIOLATES", "albedo": "Infinity"}]})
+        .axes
+    )
+    assert bars.get_xlim()[1] == pytest.approx(4.12)
+
+
 def test_records_are_for_reading_too():
     record = {"x": [1, 2.5, -3e-9, "NaN"], "nested": [[1, 2], [3, 4]], "words": ["a", "b, c"], "empty": [], "text": "[1,\n 2]"}
     text = studies.to_json(record)

@@ -48,19 +48,19 @@ class Family:
         for name, bounds in {**self.ranges, "cos_theta": self.cos_theta}.items():
             interval(name, bounds)
         if not 0 <= self.cos_theta[0] <= self.cos_theta[1] <= 1:
-            raise ValueError(f"cos_theta must run within 0:1; got {self.cos_theta[0]:g}:{self.cos_theta[1]:g}")
+            raise UsageError(f"cos_theta must run within 0:1; got {self.cos_theta[0]:g}:{self.cos_theta[1]:g}")
 
 
 def interval(name: str, bounds: Any) -> tuple[float, float]:
-    """The range of a parameter as two numbers. ValueError where it is not that, not finite or empty."""
+    """The range of a parameter as two numbers. UsageError where it is not that, not finite or empty."""
     try:
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"the range of {name} must be two numbers (LO, HI); got {bounds!r}") from error
+        raise UsageError(f"the range of {name} must be two numbers (LO, HI); got {bounds!r}") from error
     if not (math.isfinite(low) and math.isfinite(high)):
-        raise ValueError(f"the range of {name} must be finite; got {low:g}:{high:g}")
+        raise UsageError(f"the range of {name} must be finite; got {low:g}:{high:g}")
     if low > high:
-        raise ValueError(f"the range of {name} is empty: {low:g} > {high:g}")
+        raise UsageError(f"the range of {name} is empty: {low:g} > {high:g}")
     return low, high
 
 

@@ -8,10 +8,14 @@ a user's BRDF, once it has been found, is not: that is a finding about the BRDF,
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import dataclasses
 import inspect
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -23,6 +27,7 @@ from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
+from brdfcheck.brdf.signatures import returns_a_function, signature_of
 from brdfcheck.brdf.values import Range, Values, by_value
 from brdfcheck.messages import UsageError, one_line
 
@@ -43,7 +48,8 @@ class Target:
 
     `finding`: what already went wrong with it, in words. `file`, `line`: where a user's BRDF is defined, the file as it was
     named (None where that is no file named on a command line; the line also where a file has none, as a table).
-    `entry`: what the family is called without the values that its name ends with (None where it ends with none).
+    `entry`: what the family is called without the values that its name ends with (None where it ends with none). `unread`: it
+    could not be read; `finding` says why, and the family has nothing but its name.
     """
 
     family: Any
@@ -51,77 +57,25 @@ class Target:
     file: str | None = None
     line: int | None = None
     entry: str | None = None
+    unread: bool = False
 
 
-@dataclass(frozen=True)
-class Signature:
-    """The parameters of a callable, or of a family of the catalogue.
+class _Unread(dict[str, UsageError]):
+    """Why names cannot be read. `others_go_on`: such a name is noted here, instead of ending everything."""
 
-    `integers`: those that are whole numbers; `whole`: those whose default is one, which may run over a range all the same;
-    `words`: those whose default is a text or a truth value. `open`: it takes any keyword, or cannot say what it takes.
-    """
+    def __init__(self, others_go_on: bool):
+        super().__init__()
+        self._others_go_on = others_go_on
 
-    required: tuple[str, ...]
-    names: tuple[str, ...]
-    integers: frozenset[str]
-    whole: frozenset[str]
-    words: frozenset[str]
-    open: bool
-
-
-def signature_of(value: Any, ranged: Collection[str] = ()) -> Signature:
-    """The parameters of a family, a class, a function or a factory, its directions or angles as wi and wo.
-
-    `ranged`: names that have a range, so that none of them is the normal.
-    """
-    from brdfcheck.brdf.family import Family
-
-    value = directional(value, ranged)
-    if isinstance(value, AbstractFile):
-        return Signature(value.required, value.names, value.whole, value.whole, frozenset(), False)
-    if isinstance(value, Family):
-        whole = frozenset(_whole_fields(value))
-        return Signature(tuple(value.ranges), (*value.ranges, *sorted(whole)), whole, whole, frozenset(), False)
-    try:
-        parameters = list(inspect.signature(value).parameters.values())
-    except (TypeError, ValueError):
-        return Signature((), (), frozenset(), frozenset(), frozenset(), True)
-    variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    named = [parameter for parameter in parameters if parameter.kind not in variadic]
-    return Signature(
-        tuple(parameter.name for parameter in named if parameter.default is parameter.empty),
-        tuple(parameter.name for parameter in named),
-        frozenset(parameter.name for parameter in named if parameter.annotation in (int, "int")),
-        frozenset(parameter.name for parameter in named if type(parameter.default) is int),
-        frozenset(parameter.name for parameter in named if isinstance(parameter.default, (str, bool))),
-        len(named) < len(parameters),
-    )
-
-
-def _whole_fields(family: Family) -> list[str]:
-    """The whole numbers in the lobe of a family, such as the k of the binomial power."""
-    import equinox as eqx
-    import jax
-
-    from brdfcheck.brdf.base import AbstractBRDF
-
-    shapes = {name: jax.ShapeDtypeStruct((), "float32") for name in family.ranges}
-    try:
-        built = eqx.filter_eval_shape(family.build, **shapes)
-    except Exception:  # the factory needs numbers, not tracers
-        return []
-    fields = dataclasses.fields(built.core) if isinstance(built, AbstractBRDF) else ()
-    return [part.name for part in fields if type(getattr(built.core, part.name)) is int]
-
-
-def _returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
-    """True where two directions give a function: then it is a factory whose two parameters have no range yet."""
-    import numpy as np
-
-    try:
-        return callable(function(np.array([[0.6, 0.0, 0.8]]), np.array([[0.0, 0.6, 0.8]]), **parameters))
-    except (Exception, SystemExit):
-        return False
+    @contextlib.contextmanager
+    def noted(self, name: str) -> Iterator[None]:
+        """A UsageError within it is about this name alone."""
+        try:
+            yield
+        except UsageError as error:
+            if not self._others_go_on:
+                raise
+            self[name] = error
 
 
 def as_target(
@@ -138,11 +92,21 @@ def as_target(
     Raises UsageError (a ValueError) for unknown names, for parameters that have no range or do not exist, and where a lobe of
     this package refuses their values; TypeError for something that is not a BRDF.
     """
+    __tracebackhide__ = True  # what is wrong with the question is told by pytest at the line that asks it
     ranges = {} if ranges is None else ranges
     if isinstance(value, Target):
         return value
-    if isinstance(value, str):
-        return resolve([value], ranges, cos_theta, reading)[0]
+    try:
+        if isinstance(value, str):
+            return resolve([value], ranges, cos_theta, reading)[0]
+        return _of_object(value, ranges, cos_theta, reading)
+    except UsageError as error:
+        raise error.with_traceback(None) from None  # nor does anybody else need the way to it
+
+
+def _of_object(value: Any, ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None) -> Target:
+    """`as_target` of what is no name."""
+    __tracebackhide__ = True
     from brdfcheck.brdf.callables import name_of
     from brdfcheck.brdf.family import Family
 
@@ -248,7 +212,7 @@ def family_of(
         named_so = all(name.lower() in DIRECTIONS for name in missing[:2])
         if len(missing) == 2 and not set(missing) & _PARAMETERS and not any(map(is_number, missing)):
             middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
-            is_function = named_so or not _returns_a_function(value, {**middle, **held})
+            is_function = named_so or not returns_a_function(value, {**middle, **held})
         elif named_so:
             missing = missing[2:]
     if (
@@ -368,6 +332,8 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
         found = next((part for room in (lobes, microfacet, transmission) if (part := getattr(room, name, None))), None)
         if inspect.isclass(found) and issubclass(found, (AbstractBRDF, AbstractBSDF)) and getattr(found, "__final__", False):
             return found, name
+        if os.path.isdir(name):
+            raise UsageError(f"{name} is a folder; give a file in it, or list its BRDFs with brdfcheck init and check the list")
         if is_file_spec(name):
             return load_file(name, Reading() if reading is None else reading, modules)
     return catalog.entry(name).family, name
@@ -390,17 +356,39 @@ def resolve(
     cos_theta: Range | None,
     reading: Reading | None = None,
     modules: dict[str, ModuleType] | None = None,
+    *,
+    others_go_on: bool = False,
 ) -> list[Target]:
     """The targets behind the names of BRDFs; each range must belong to at least one of them.
 
     A user's Python file is imported here, once, however many of its objects are named; ``file.py:*`` names all that it offers.
     Of a parameter that has several `Values` each makes a target of its own; of a vector they are the components. `reading`:
-    how shader files are read; `modules`: users' Python files loaded so far, which load only once. Raises UsageError.
+    how shader files are read; `modules`: users' Python files loaded so far, which load only once; `others_go_on`: a name that
+    cannot be read becomes an `unread_target` in its place. Raises UsageError.
     """
     modules = {} if modules is None else modules
-    every = list(dict.fromkeys(part for name in names for part in spread(name, modules)))
-    known = (part for name in every for part in signature_of(named(name, modules, reading)[0]).names)
-    return by_value(lambda one: _resolve(every, one, cos_theta, reading, modules), ranges, known)
+    every: dict[str, None] = {}
+    unread = _Unread(others_go_on)
+    for name in names:
+        with unread.noted(name):
+            every |= dict.fromkeys(spread(name, modules))
+        every |= dict.fromkeys(unread.keys() & {name})
+
+    def known() -> Iterator[str]:
+        for name in every.keys() - unread.keys():
+            with _Unread(others_go_on).noted(name):
+                yield from signature_of(named(name, modules, reading)[0]).names
+
+    return by_value(lambda one: _resolve(list(every), one, cos_theta, reading, modules, copy.copy(unread)), ranges, known())
+
+
+def unread_target(name: str, error: UsageError) -> Target:
+    """What stands for a name that cannot be read."""
+    from brdfcheck.brdf.family import Family
+
+    file = split_spec(name)[0] if is_file_spec(name) else None
+    said = re.search(rf"{re.escape(file)}(?:: line |:)(\d+)\b", str(error)) if file else None
+    return Target(Family(name, lambda: None), one_line(error), file, int(said[1]) if said else None, unread=True)
 
 
 def spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
@@ -415,31 +403,37 @@ def _resolve(
     cos_theta: Range | None,
     reading: Reading | None,
     modules: dict[str, ModuleType],
+    unread: _Unread,
 ) -> list[Target]:
     """`resolve` for names of one BRDF each, and ranges."""
     from brdfcheck.brdf.family import Family
 
-    targets: list[Target] = []
+    targets: dict[str, Target] = {}
     known_ranges: set[str] = set()
-    waiting: list[tuple[int, Any, str]] = []
+    waiting: list[tuple[str, Any, str]] = []
     for name in names:
-        value, spec = named(name, modules, reading)
-        if isinstance(value, Family):
-            targets.append(catalog_target(name, ranges, cos_theta))
-            known_ranges |= {*targets[-1].family.ranges, *targets[-1].family.held}
-        else:
-            waiting.append((len(targets), value, spec))
-            targets.append(Target(None))
-    if reading is not None:
+        if name in unread:
+            continue
+        with unread.noted(name):
+            value, spec = named(name, modules, reading)
+            if isinstance(value, Family):
+                targets[name] = catalog_target(name, ranges, cos_theta)
+                known_ranges |= {*targets[name].family.ranges, *targets[name].family.held}
+            else:
+                waiting.append((name, value, spec))
+    # What a range or an option is for may be what could not be read.
+    whole = not unread
+    if reading is not None and whole:
         refuse_reading(reading, dict.fromkeys(names) | {spec: value for _, value, spec in waiting})
-    for index, value, spec in waiting:
+    for name, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
         own = signature_of(value)
         others = known_ranges.union(*(signature_of(other).names for _, other, _ in waiting if other is not value))
-        mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or key not in others}
-        targets[index] = family_of(value, spec, mine, cos_theta, reading if is_file_spec(spec) else None)
+        mine = {key: bounds for key, bounds in ranges.items() if key in own.names or own.open or (key not in others and whole)}
+        with unread.noted(name):
+            targets[name] = family_of(value, spec, mine, cos_theta, reading if is_file_spec(spec) else None)
     for parameter in ranges:
-        if not waiting and parameter not in known_ranges:
+        if whole and not waiting and parameter not in known_ranges:
             if len(names) == 1:
                 known = signature_of(named(names[0], modules)[0])
                 if parameter in known.whole:
@@ -447,4 +441,4 @@ def _resolve(
                 raise UsageError(no_parameter(names[0], parameter, known.names))
             known = ", ".join(sorted(known_ranges)) or "none"
             raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")
-    return targets
+    return [unread_target(name, unread[name]) if name in unread else targets[name] for name in names]

@@ -94,7 +94,13 @@ def _main(
 Filter = Annotated[str, typer.Option("-k", "--filter", metavar="TEXT", help="Only the BRDFs whose names contain this text.")]
 Json = Annotated[
     str | None,
-    words.file("--json", stdout=True, help='Write the results as JSON; "-" writes them to standard output.'),
+    words.file(
+        "--json",
+        ends=(".json",),
+        bare=True,
+        stdout=True,
+        help='Write the results as JSON; "-" writes them to standard output.',
+    ),
 ]
 Over = Annotated[
     list[words.Setting] | None,

@@ -63,7 +63,14 @@ def _certify(
     how: Reading = PLAIN,
     out: Annotated[
         str | None,
-        words.file("-o", "--out", stdout=True, help='Write the certificate as JSON; "-" writes it to standard output.'),
+        words.file(
+            "-o",
+            "--out",
+            ends=(".json",),
+            bare=True,
+            stdout=True,
+            help='Write the certificate as JSON; "-" writes it to standard output.',
+        ),
     ] = None,
     check: Annotated[
         str | None,

@@ -21,9 +21,10 @@ from brdfcheck.cores import available_cores
 from brdfcheck.gate.cache import Verdicts
 from brdfcheck.gate.requests import Case, Request, evaluated
 from brdfcheck.gate.requests import cases as cases_of
+from brdfcheck.messages import UsageError
 
 if TYPE_CHECKING:
-    from brdfcheck.gate.config import Gate
+    from brdfcheck.gate.config import Gate, Known
     from brdfcheck.verdict import Report
 
 Tolerance = Annotated[
@@ -78,9 +79,9 @@ that the file gives, or over yours; or a measured one (MERL .binary, RGL .bsdf).
 \b
 Exit codes:
   0  all conserve energy            3  internal error
-  1  some violate the law, are      4  usage error
-     undecided, or have findings    5  nothing to check
-  2  interrupted""",
+  1  some violate the law, are      4  usage error, or some could not
+     undecided, or have findings       be read, whatever the others do
+  2  interrupted                    5  nothing to check""",
 )
 def check_command(
     names: Annotated[
@@ -132,7 +133,7 @@ def check_command(
     else:
         project.refuse_options_of_projects(names, config, update_baseline)
         own = {**options, "effort": effort or "normal"}
-        wanted = tuple(names or project.validated())
+        wanted = tuple(dict.fromkeys(names or project.validated()))
         requests = Request(wanted, ranges, cos_theta, how, **own).apart()
     if watch:
         return project.watched(project.filtered(requests, substring), gate, substring)
@@ -159,7 +160,7 @@ def check_command(
         cases = [
             case
             for request, found in zip(requests, known, strict=True)
-            for case in (cases_of(request, modules) if found is None else found)
+            for case in (cases_of(request, modules, others_go_on=True) if found is None else found)
         ]
         if None in known:
             start()  # a user's file may have changed the precision
@@ -233,7 +234,8 @@ def _run(
 ) -> int:
     """Evaluate, print and write. An audit says what was claimed besides, and never fails.
 
-    `verdicts`: the cache; `gate`: where the known violations are brought up to date.
+    `verdicts`: the cache; `gate`: where the known violations are brought up to date. Raises UsageError where there is one BRDF
+    only and it cannot be read, once the files are written that say so.
     """
     from brdfcheck.gate.baseline import judged
     from brdfcheck.output import records
@@ -249,23 +251,28 @@ def _run(
     tolerances = {case.tolerance for case in cases}
     settings |= {"tolerance": min(tolerances), "own_tolerances": len(tolerances) > 1}  # each report says its own
 
-    def line(case: Case, report: Report) -> None:
-        (report,) = judged([report], case.request.expect)
-        if not (output.is_terminal or (quiet and report.passed)):
+    def line(report: Report, expect: Known | None) -> None:
+        (report,) = judged([report], expect)
+        if not (output.is_terminal or (quiet and report.passed) or lost):
             output.line(console.plain_line(report, width, claims.get(report.name)))
 
-    if not output.is_terminal and not quiet:
+    lost = len(cases) == 1 and cases[0].target is not None and cases[0].target.unread
+    if not (output.is_terminal or quiet or lost):
         output.line(console.tolerance_line(settings["tolerance"]))
-    with contextlib.redirect_stdout(sys.stderr):
-        found = _evaluate(cases, settings["jobs"], output, verdicts, line)
     expected = [case.request.expect for case in cases]
-    if gate is not None:
+    with contextlib.redirect_stdout(sys.stderr):
+        # What is accepted from now on is known only once all are evaluated.
+        told_at_once = (lambda index, report: line(report, expected[index])) if gate is None else (lambda index, report: None)
+        found = _evaluate(cases, settings["jobs"], output, verdicts, told_at_once)
+    if gate is not None and not lost:
         expected = project.update(gate, cases, found, output)
+        for report, expect in zip(found, expected, strict=True):
+            line(report, expect)
     reports: list[Report] = []
     for _, own in itertools.groupby(range(len(cases)), lambda index: id(cases[index].request)):
         indices = list(own)
         reports += judged([found[index] for index in indices], expected[indices[0]])
-    told = [report for report in reports if not quiet or not report.passed or report.stale]
+    told = [report for report in reports if not lost and (not quiet or not report.passed or report.stale)]
     if output.is_terminal and told:
         console.report_table(output.console, told, list(claims.values()) or None)
         output.line()
@@ -275,6 +282,7 @@ def _run(
             output.line(text)
     seconds, counts = time.perf_counter() - began, records.count(reports)
     code = ExitCode.FAILED if counts["failed"] and not audit else ExitCode.PASSED
+    code = ExitCode.USAGE_ERROR if counts["unread"] else code
     if told:
         summary = console.summary_line(counts, seconds, settings["tolerance"])
         known = sum(case.report is not None for case in cases)
@@ -298,13 +306,15 @@ def _run(
             summary=summary,
         )
     )
+    if lost:
+        raise UsageError(reports[0].findings[0])
     return code
 
 
 def _evaluate(
-    cases: Sequence[Case], jobs: int, output: Output, verdicts: Verdicts | None, line: Callable[[Case, Report], None]
+    cases: Sequence[Case], jobs: int, output: Output, verdicts: Verdicts | None, line: Callable[[int, Report], None]
 ) -> list[Report]:
-    """The reports in the order of the cases, a few at a time; `line` is called as soon as the turn of one comes."""
+    """The reports in the order of the cases, a few at a time; `line` is called with the place of each and with it in turn."""
     from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
     pool = ThreadPoolExecutor(jobs, thread_name_prefix="brdfcheck")
@@ -326,7 +336,7 @@ def _evaluate(
                     if verdicts is not None and all(one.done() and case.report is None for case, one in own):
                         verdicts.keep(request, [case for case, _ in own], [one.result() for _, one in own])
                 while written < len(futures) and futures[written].done():
-                    line(cases[written], futures[written].result())
+                    line(written, futures[written].result())
                     written += 1
         return [future.result() for future in futures]
     finally:

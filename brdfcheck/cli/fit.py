@@ -91,7 +91,7 @@ def _fit(
     A factor that the lobe carries already is taken off first. The verdict holds over all exponents of the range and all
     angles. What has no exponent gets one constant.
     """
-    held = words.together(over)
+    held = words.together(over, option="--set")
     if "n" in held:
         raise UsageError("--over n=...: give the exponents with --n")
     for key, (low, high) in held.items():
@@ -166,7 +166,8 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
 
 
 def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval], how: Reading) -> Target:
-    from brdfcheck.brdf.subject import named, resolve, signature_of
+    from brdfcheck.brdf.signatures import signature_of
+    from brdfcheck.brdf.subject import named, resolve
 
     modules: dict[str, Any] = {}
     own = signature_of(named(name, modules, how)[0])

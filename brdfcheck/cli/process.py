@@ -82,7 +82,9 @@ def _refusal(error: Any, command: str) -> str:
     """What typer has against a word of a command, with the name of the option, the value, and what is allowed."""
     text, parameter = error.format_message(), getattr(error, "param", None)
     if parameter is not None and error.message:
-        name = max(parameter.opts, key=len) if parameter.param_type_name == "option" else parameter.metavar or parameter.name
+        # An option by its long name, of several by the one that its command's help begins with.
+        long = [option for option in parameter.opts if option.startswith("--")] or parameter.opts
+        name = long[0] if parameter.param_type_name == "option" else parameter.metavar or parameter.name
         text = error.message.removeprefix("Value error, ")
         errors = getattr(error.__cause__, "errors", list)()
         if errors and errors[0]["type"] != "value_error":  # pydantic's words on a number, which do not say what it was given

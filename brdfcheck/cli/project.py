@@ -92,7 +92,8 @@ def validated() -> list[str]:
 def filtered(requests: Sequence[Request], substring: str, modules: dict[str, Any] | None = None) -> list[Request]:
     """The requests of which a name contains the text, in either case, and of these those names. NothingToCheck for none.
 
-    What ``file.py:*`` names is looked up in `modules`, users' files loaded so far; where they are None it is kept as it is.
+    What ``file.py:*`` names is looked up in `modules`, users' files loaded so far; where they are None, or the file cannot be
+    read, it is kept as it is.
     """
     from dataclasses import replace
 
@@ -100,12 +101,10 @@ def filtered(requests: Sequence[Request], substring: str, modules: dict[str, Any
     for request in requests:
         every = request.names
         if substring and modules is not None and any(name.endswith(":*") for name in every):
-            from brdfcheck.brdf.subject import spread
-
             start()
             with contextlib.redirect_stdout(sys.stderr):
-                every = tuple(part for name in every for part in spread(name, modules))
-        kept = (name for name in every if substring.lower() in name.lower() or (modules is None and name.endswith(":*")))
+                every = tuple(part for name in every for part in _spread(name, modules))
+        kept = (name for name in every if substring.lower() in name.lower() or name.endswith(":*"))
         names = tuple(dict.fromkeys(kept))
         if names:
             found.append(request if names == request.names else replace(request, names=names))
@@ -113,6 +112,16 @@ def filtered(requests: Sequence[Request], substring: str, modules: dict[str, Any
         listed = "; brdfcheck list shows all names" if all(request.index is None for request in requests) else ""
         raise NothingToCheck(f"nothing to check: no name contains {substring!r}{listed}")
     return found
+
+
+def _spread(name: str, modules: dict[str, Any]) -> list[str]:
+    """All that ``file.py:*`` names; the name itself where the file cannot be read, which is said where it is checked."""
+    from brdfcheck.brdf.subject import spread
+
+    try:
+        return spread(name, modules)
+    except UsageError:
+        return [name]
 
 
 def update(gate: Gate, cases: Sequence[Case], reports: Sequence[Report], output: Output) -> list[Known | None]:
@@ -186,7 +195,8 @@ def again(run: Callable[[], object], files: Callable[[], set[Path]], pause: Call
     while True:
         before = _stamps(files())
         run()
-        print(f"brdfcheck: watching {len(before)} files; Ctrl-C ends", file=sys.stderr, flush=True)
+        count = "1 file" if len(before) == 1 else f"{len(before)} files"
+        print(f"brdfcheck: watching {count}; Ctrl-C ends", file=sys.stderr, flush=True)
         while _stamps(files()) == before:
             pause()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
 from brdfcheck.cli import words
 from brdfcheck.cli.app import PLAIN, ExitCode, Hold, asked, command, start
 from brdfcheck.cli.output import Output, refused
@@ -96,7 +98,7 @@ def _render(
 ) -> int:
     """Render a preset, a scene, or a BRDF of your own to a file."""
     output = Output()
-    held = words.together(hold)
+    held = words.together(hold, option="--set")
     if brdf is None and (held or not how.is_plain):
         what_for = "--set goes" if held else "-D, -I, --args and --returns go"
         raise UsageError(f"{what_for} with --brdf; a scene says it in its file")
@@ -122,7 +124,7 @@ def _render(
     if size is not None and max(size) > most:
         raise UsageError(f"--size: must be at most {most} pixels at --quality {quality}; got {max(size)}")
     start()
-    from brdfcheck.scene.images import write_image
+    from brdfcheck.scene.images import tone_mapped, write_image
 
     began = time.perf_counter()
     if brdf is not None:
@@ -131,11 +133,16 @@ def _render(
         image = _of_scene(what, size, samples, most, quality)
     else:
         image = _of_preset(what, size, quality, output)
+    said = ""
+    if brdf is not None and what == "sphere" and target.lower().endswith(".png"):
+        image, most = tone_mapped(image)
+        if most > 1:
+            said = f"; {most:.3g} times as bright as a matt white sphere, so that it is darkened (an .exr has the numbers)"
     seconds = time.perf_counter() - began
     with refused("--output", target):
         metadata = {"rendered": what if brdf is None else f"{what} of {brdf}", "quality": quality}
         write_image(target, image, bits=int(bits or "8"), metadata=metadata)
-    output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s")
+    output.line(f"wrote {target}: {image.shape[1]} x {image.shape[2]} pixels (height x width) in {seconds:.1f} s{said}")
     return ExitCode.PASSED
 
 
@@ -171,7 +178,7 @@ def _of_brdf(
 ) -> Any:
     """A picture of one BRDF. UsageError where it is not known, or cannot be called."""
     from brdfcheck.brdf.blame import told
-    from brdfcheck.brdf.readers.specs import is_file_spec
+    from brdfcheck.brdf.family import NoRange
     from brdfcheck.scene.functions import brdf_of
     from brdfcheck.scene.presets import OF_ONE, render_brdf
 
@@ -189,6 +196,8 @@ def _of_brdf(
             label = ", ".join((name, *(f"{parameter} = {value:g}" for parameter, value in values.items())))
             with output.waiting(f"rendering a {kind} of {name}; the first time, programs are compiled for it"):
                 return render_brdf(kind, shown, label, side, quality)
+    except NoRange as error:
+        raise UsageError(f"{error}: {' '.join(f'--set {parameter}=VALUE' for parameter in error.names)}") from None
     except UsageError:
         raise
     except (Exception, SystemExit) as error:
@@ -212,6 +221,10 @@ def _of_preset(name: str, size: words.Size | None, quality: str, output: Output)
     try:
         named(name)
     except KeyError as error:
+        from brdfcheck.brdf import catalog
+
+        if name in catalog.names() or (is_file_spec(name) and os.path.isfile(split_spec(name)[0])):
+            raise UsageError(f"{name} is no preset: say how to show it, as in render sphere --brdf {name}") from None
         raise UsageError(one_line(error.args[0])) from None
     text = f"rendering {name}: {{}} pictures done; the first time, programs are compiled for them"
     with output.waiting(text.format(0)) as show:

@@ -26,9 +26,14 @@ _log = logging.getLogger("brdfcheck")
 # Numbers in all tables of a page: 2.7 bytes each, so that a page stays below 300 kB.
 _CELLS = 56_000
 
-JUnit = Annotated[str | None, words.file("--junitxml", help="Write the results as JUnit XML.")]
-Sarif = Annotated[str | None, words.file("--sarif", help="Write what is wrong as SARIF 2.1.0, for code hosts.")]
-Badge = Annotated[str | None, words.file("--badge", help="Write a badge as JSON, an endpoint for shields.io.")]
+JUnit = Annotated[str | None, words.file("--junitxml", ends=(".xml",), bare=True, help="Write the results as JUnit XML.")]
+Sarif = Annotated[
+    str | None,
+    words.file("--sarif", ends=(".sarif", ".json"), bare=True, help="Write what is wrong as SARIF 2.1.0, for code hosts."),
+]
+Badge = Annotated[
+    str | None, words.file("--badge", ends=(".json",), bare=True, help="Write a badge as JSON, an endpoint for shields.io.")
+]
 Html = Annotated[
     str | None,
     words.file(

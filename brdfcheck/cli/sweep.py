@@ -144,7 +144,7 @@ def _description(plan: Plan) -> Iterator[str]:
     pieces = " x ".join(str(dimension.chunk) for dimension in plan.dimensions) or "1"
     channels = "" if plan.channels is None else f", {plan.channels} channels"
     yield f"axes      {shape}{channels}{held}"
-    yield f"cells     {plan.cells} in {plan.chunks} chunks of {pieces}"
+    yield f"cells     {plan.cells} in {plan.chunks} {'chunk' if plan.chunks == 1 else 'chunks'} of {pieces}"
     yield f"size      {_bytes(plan.size(plan.cells))}"
 
 

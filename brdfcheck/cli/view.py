@@ -44,6 +44,8 @@ def _view(
     """
     options: Any = {"tolerance": tolerance, "effort": effort, "jobs": jobs, "html": out}
     code = check.check_command(names=names, over=over, cos_theta=cos_theta, how=how, **options)
-    opened = not no_open and code in (ExitCode.PASSED, ExitCode.FAILED) and has_display() and webbrowser.open(address(out))
+    # Where some of several could not be read the page shows the others.
+    shown = (ExitCode.PASSED, ExitCode.FAILED, ExitCode.USAGE_ERROR)
+    opened = not no_open and code in shown and has_display() and webbrowser.open(address(out))
     Output().line(f"{out}: {'opened in a browser' if opened else f'open it in a browser: {address(out)}'}")
     return code

@@ -120,8 +120,8 @@ def open_setting(text: str) -> Setting | Components:
     return Setting(name, Interval(low, math.inf))
 
 
-def together(settings: Iterable[Setting | Components] | None, *, lists: bool = False) -> dict[str, Any]:
-    """The parameters and their ranges; a vector by its components. UsageError where one is given twice.
+def together(settings: Iterable[Setting | Components] | None, *, lists: bool = False, option: str = "--over") -> dict[str, Any]:
+    """The parameters and their ranges; a vector by its components. UsageError, naming the option, where one is given twice.
 
     `lists`: what may be a vector may also be a list of values, which the BRDF has to tell: it stays one, as `Values`.
     """
@@ -133,13 +133,13 @@ def together(settings: Iterable[Setting | Components] | None, *, lists: bool = F
         elif lists:
             pairs.append((item.name, Values(item.values)))
         elif len(item.values) > 4:
-            raise UsageError(f"--over {item.name}: a vector has at most 4 components; got {len(item.values)}")
+            raise UsageError(f"{option} {item.name}: a vector has at most 4 components; got {len(item.values)}")
         else:
             parts = components(item.name, item.values)
             pairs += [(name, Interval(*bounds)) for name, bounds in parts.items()]
     for name, bounds in pairs:
         if name in ranges:
-            raise UsageError(f"--over: the parameter {name!r} is given twice")
+            raise UsageError(f"{option}: the parameter {name!r} is given twice")
         ranges[name] = bounds
     return ranges
 
@@ -179,14 +179,18 @@ def size(text: str) -> Size:
     raise BadParameter(f"must be SIDE or HEIGHTxWIDTH, whole numbers from 1 to {MOST_PIXELS}; got {one_line(text)!r}")
 
 
-def file(*names: str, help: str, ends: tuple[str, ...] = (), stdout: bool = False) -> Any:
-    """The option of these names for a file to write, which ends in one of `ends`; `stdout`: it may be "-"."""
+def file(*names: str, help: str, ends: tuple[str, ...], bare: bool = False, stdout: bool = False) -> Any:
+    """The option of these names for a file to write, which ends in one of `ends`; `stdout`: it may be "-".
+
+    `bare`: the ending does not choose the format, and a name may have none.
+    """
     wanted = " or ".join(filter(None, (", ".join(ends[:-1]), *ends[-1:])))
 
     def parse(text: str) -> str:
         if stdout and text == "-":
             return text
-        if ends and Path(text).suffix.lower() not in ends:
+        ending = Path(text).suffix.lower()
+        if ending not in ends and not (bare and not ending):
             raise BadParameter(f"must end in {wanted}; got {one_line(text)!r}")
         trouble = trouble_with(text)
         if trouble:

@@ -22,12 +22,12 @@ from brdfcheck.brdf.callables import with_options_of
 from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.specs import is_file_spec
+from brdfcheck.brdf.signatures import signature_of
 from brdfcheck.brdf.subject import (
     as_target,
     family_of,
     named,
     refuse_reading,
-    signature_of,
 )
 from brdfcheck.fits.grids import AlbedoGrid, Sampler, formula_of
 from brdfcheck.messages import UsageError, one_of

@@ -84,8 +84,13 @@ def _gone(reports: Sequence[Report], known: Known) -> list[str]:
 
 
 def needed(reports: Sequence[Report], before: Known | None) -> Known | None:
-    """The violation to know for these reports on one subject; None where it has none. The reason is that of `before`."""
+    """The violation to know for these reports on one subject; None where it has none. The reason is that of `before`.
+
+    Of what could not be evaluated, or read, nothing has been found out: what was known of it stays.
+    """
     able = [report for report in reports if report.basis != "none"]
+    if not able:
+        return before
     above = [math.inf if report.unbounded else report.albedo for report in able if report.verdict.name == "VIOLATES"]
     undecided = any(report.verdict.name == "UNDECIDED" for report in able)
     names: list[Any] = list(dict.fromkeys(name for report in able for name in defects(report)))

@@ -235,11 +235,11 @@ def _near(folder: Path) -> Path:
 def placed(target: str, folder: Path) -> str:
     """A target as seen from here; its file is meant as seen from `folder`."""
     if target.startswith("mitsuba:") and ".xml" in target:
-        return f"mitsuba:{os.path.normpath(_near(folder) / target.removeprefix('mitsuba:'))}"
+        return f"mitsuba:{os.path.relpath(folder / target.removeprefix('mitsuba:'))}"
     if target.startswith(PREFIXES) or not is_file_spec(target):
         return target
     path, name = split_spec(target)
-    near = os.path.normpath(_near(folder) / path)
+    near = path if os.path.isabs(path) else os.path.relpath(folder / path)
     return near if name is None else f"{near}:{name}"
 
 
@@ -262,13 +262,15 @@ def read(path: str | Path) -> Gate | None:
 def find(folder: Path | None = None) -> Gate | None:
     """The subjects of the project that `folder` (by default the current one) is in: of the nearest file up to its root.
 
-    The root is where there is a .git. UsageError where the file is wrong.
+    The root is where there is a .git. UsageError where the file is wrong, and where two files of one folder list subjects.
     """
     folder = Path.cwd() if folder is None else folder
     for here in (folder, *folder.parents):
-        for name in (OWN, SHARED):
-            if (here / name).is_file() and (found := read(_near(here) / name)) is not None:
-                return found
+        found = [gate for name in (OWN, SHARED) if (here / name).is_file() and (gate := read(_near(here) / name)) is not None]
+        if len(found) > 1:
+            raise UsageError(f"{OWN} and {SHARED} both list BRDFs: put them into one of the two, or choose one with --config")
+        if found:
+            return found[0]
         if (here / ".git").exists():
             break
     return None

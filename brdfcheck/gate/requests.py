@@ -103,9 +103,13 @@ class Case:
 
     @property
     def place(self) -> tuple[str | None, int | None]:
-        """The file and line at which to show what is wrong: the BRDF's, or where it is in no file, those that list it."""
+        """The file and line at which to show what is wrong: the BRDF's, or where it is in no file, those that list it.
+
+        What cannot be read for a reason that is in no line of its file is shown where it is listed, too.
+        """
         known = self.file is not None and os.path.isfile(self.file)
-        return (self.file, self.line) if known else self.request.place
+        listed = self.target is not None and self.target.unread and self.line is None and self.request.place[0] is not None
+        return (self.file, self.line) if known and not listed else self.request.place
 
     @property
     def tolerance(self) -> float:
@@ -135,6 +139,8 @@ def evaluated(case: Case, say: Callable[[str], None]) -> Report:
 
     began = time.perf_counter()
     options: Any = {"tolerance": case.tolerance, "effort": request.effort}
+    if target.unread:
+        return replace(unusable(target.family, target.finding or "", **options), unread=True)
     try:
         return check(target, rtol=request.rtol, watch=watch, **options)
     except (Exception, SystemExit) as error:
@@ -145,20 +151,27 @@ def evaluated(case: Case, say: Callable[[str], None]) -> Report:
         return unusable(target.family, text, seconds=time.perf_counter() - began, **options)
 
 
-def cases(request: Request, modules: dict[str, ModuleType] | None = None) -> list[Case]:
+def cases(request: Request, modules: dict[str, ModuleType] | None = None, *, others_go_on: bool = False) -> list[Case]:
     """The BRDFs of a request, whose files are read now. UsageError, which begins with the request's label.
 
-    `modules`: users' Python files loaded so far, which load only once.
+    `modules`: users' Python files loaded so far, which load only once; `others_go_on`: what cannot be read is a case too, whose
+    target is `unread`. What is wrong with the options of several names remains an error.
     """
     from brdfcheck.brdf import catalog
-    from brdfcheck.brdf.subject import resolve
+    from brdfcheck.brdf.subject import resolve, unread_target
 
+    how = request.over, request.cos_theta, request.reading, modules
     try:
-        targets = resolve(request.names, request.over, request.cos_theta, request.reading, modules)
+        targets = resolve(request.names, *how, others_go_on=others_go_on)
     except UsageError as error:
-        if not request.label:
+        if others_go_on and len(request.names) == 1:
+            targets = [unread_target(request.names[0], error)]
+        elif request.label:
+            raise UsageError(f"{request.label}: {error}") from error
+        else:
             raise
-        raise UsageError(f"{request.label}: {error}") from error
+    if request.label:
+        targets = [replace(one, finding=f"{request.label}: {one.finding}") if one.unread else one for one in targets]
     found = []
     for target in targets:
         name = target.entry or target.family.name

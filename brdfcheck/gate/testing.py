@@ -11,7 +11,7 @@ import inspect
 import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,6 +92,7 @@ class Checker:
 
     def check(self, brdf: Any, **options: Any) -> Report:
         """`brdfcheck.check`, in double precision."""
+        __tracebackhide__ = True
         from brdfcheck.verdict.checking import check
 
         with _double():
@@ -100,9 +101,10 @@ class Checker:
     def assert_conserves(self, brdf: Any, **options: Any) -> Report:
         """`brdfcheck.assert_conserves`: the report, or the test fails."""
         __tracebackhide__ = True
-        return self._told(lambda: self._asserted(brdf, options))
+        return self._told(functools.partial(self._asserted, brdf, options))
 
     def _asserted(self, brdf: Any, options: Mapping[str, Any]) -> Report:
+        __tracebackhide__ = True
         from brdfcheck.brdf.subject import as_target
 
         others = {"cos_theta", "tolerance", "rtol", "intervals", "effort", "watch"}
@@ -120,7 +122,8 @@ def marked(
     function: Callable[..., Any], arguments: Mapping[str, Any], positional: Sequence[Any], given: Mapping[str, Any]
 ) -> None:
     """Check what a marked function returns, or the family that it is. `arguments`: values of its fixtures. Failure."""
-    from brdfcheck.brdf.subject import as_target, resolve, signature_of
+    from brdfcheck.brdf.signatures import signature_of
+    from brdfcheck.brdf.subject import as_target, resolve
     from brdfcheck.brdf.values import by_value
 
     name = getattr(function, "__name__", "the function")
@@ -176,22 +179,64 @@ def _judge(request: Request, found: Sequence[Case], verdicts: Verdicts | None, c
 
 @dataclass(frozen=True)
 class Subjects:
-    """The subjects of a project: `files` are those of each file, by the name of their test."""
+    """The subjects of a project: `files` has those of each file; `modules`: users' Python files loaded so far."""
 
     gate: Gate
-    files: Mapping[str, Mapping[str, Request]]
+    files: Mapping[str, Sequence[Request]]
     verdicts: Verdicts
     folder: Path
+    modules: dict[str, Any] = field(default_factory=dict)
+
+    def tests(self, file: str) -> dict[str, Request]:
+        """The subjects of a file by the names of their tests: the BRDF's own, in ``file.py:*`` of each that the file offers.
+
+        For these the file is imported, as pytest imports the files of other tests; where that fails one test says so.
+        """
+        found: dict[str, Request] = {}
+        for subject in self.files[file]:
+            for request in self._each(subject) if subject.names[0].endswith(":*") else [subject]:
+                path, part = split_spec(request.names[0])
+                name = (part or Path(path).stem) if _in_a_file(request.names[0]) else request.names[0]
+                count = sum(other.partition(" #")[0] == name for other in found)
+                found[f"{name} #{count + 1}" if count else name] = request
+        return found
+
+    def _each(self, subject: Request) -> list[Request]:
+        """A request for each BRDF of a file, with the ranges of its parameters; the subject itself where it cannot be read."""
+        from brdfcheck.brdf.signatures import signature_of
+        from brdfcheck.brdf.subject import named, spread
+
+        try:
+            with contextlib.chdir(self.folder), _double():
+                names = spread(subject.names[0], self.modules)
+                signatures = [signature_of(named(name, self.modules)[0], subject.over) for name in names]
+        except UsageError:
+            return [subject]
+        # A parameter of none of them is a mistake, which each of them tells.
+        shared = {name for signature in signatures for name in signature.names}
+        found = []
+        for name, own in zip(names, signatures, strict=True):
+            over = {key: bounds for key, bounds in subject.over.items() if key in own.names or own.open or key not in shared}
+            found.append(replace(subject, names=(name,), over=over))
+        return found
 
     def check(self, request: Request) -> list[str]:
-        """What is out of date in the known violation of a subject. Failure where it does not pass."""
+        """What is out of date in the known violation of a subject. Failure where it does not pass.
+
+        What is known of a whole file need be found in one of its BRDFs only, so that one by itself does not say.
+        """
         with contextlib.chdir(self.folder):
             try:
                 with _double():
-                    found = self.verdicts.found(request) or cases(request)
+                    found = self.verdicts.found(request) or cases(request, self.modules)
             except UsageError as error:
                 raise Failure([], one_line(error)) from error
-            return _judge(request, found, self.verdicts, request.command)
+            stale = _judge(request, found, self.verdicts, request.command)
+            return stale if any(request is one for own in self.files.values() for one in own) else []
+
+
+def _in_a_file(target: str) -> bool:
+    return is_file_spec(target) and not target.startswith(PREFIXES)
 
 
 def subjects(root: Path, cache: bool) -> Subjects | None:
@@ -199,14 +244,9 @@ def subjects(root: Path, cache: bool) -> Subjects | None:
     gate = find(root)
     if gate is None:
         return None
-    files: dict[str, dict[str, Request]] = {}
+    files: dict[str, list[Request]] = {}
     for request in gate.requests():
         (target,) = request.names
-        path, name = (str(gate.path), target)
-        if is_file_spec(target) and not target.startswith(PREFIXES):
-            path, part = split_spec(target)
-            name = part or Path(path).stem
-        own = files.setdefault(os.path.realpath(path), {})
-        count = sum(other.partition(" #")[0] == name for other in own)
-        own[f"{name} #{count + 1}" if count else name] = request
+        path = split_spec(target)[0] if _in_a_file(target) else str(gate.path)
+        files.setdefault(os.path.realpath(path), []).append(request)
     return Subjects(gate, files, Verdicts(cache and gate.document.cache), Path.cwd())

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 from brdfcheck import __version__
 from brdfcheck.folders import repository
 from brdfcheck.interruption import Cleanup
+from brdfcheck.verdict.words import verdict_text
 
 if TYPE_CHECKING:
     from brdfcheck.fits.factor import FactorFit
@@ -152,14 +153,15 @@ def to_json(record: Mapping[str, Any]) -> str:
 
 
 def count(reports: Iterable[Report]) -> dict[str, int]:
-    """How many conserve, violate, are undecided; how many have findings besides; and how many of them are known already."""
+    """How many conserve, violate, are undecided, could not be read; how many have findings; how many are known already."""
     reports = list(reports)
-    verdicts = [report.verdict.name for report in reports]
+    verdicts = [report.verdict.name for report in reports if not report.unread]
     return {
         "conserve": verdicts.count("CONSERVES"),
         "violate": verdicts.count("VIOLATES"),
         "undecided": verdicts.count("UNDECIDED"),
-        "with_findings": sum(bool(report.findings) for report in reports),
+        "unread": sum(report.unread for report in reports),
+        "with_findings": sum(bool(report.findings) and not report.unread for report in reports),
         "known": sum(report.known is not None for report in reports),
         "stale": sum(report.stale for report in reports),
         "failed": sum(not report.passed for report in reports),
@@ -220,7 +222,7 @@ def to_junit(
         )
         if not report.passed:
             tag = "error" if math.isnan(report.albedo) else "failure"
-            kind = "finding" if report.verdict.name == "CONSERVES" else report.verdict.name
+            kind = "finding" if report.verdict.name == "CONSERVES" else verdict_text(report)
             bad = ElementTree.SubElement(case, tag, {"type": kind, "message": xml_text(message)})
             bad.text = xml_text("\n".join((message, *report.findings, *report.notes)))
         ElementTree.SubElement(case, "system-out").text = xml_text(message)
@@ -233,9 +235,11 @@ def to_junit(
 
 def badge(counts: Mapping[str, int]) -> dict[str, Any]:
     """A badge in the JSON that shields.io takes from an endpoint (schema version 1); `counts` as `count` gives them."""
-    total = counts["conserve"] + counts["violate"] + counts["undecided"]
+    total = counts["conserve"] + counts["violate"] + counts["undecided"] + counts["unread"]
     if counts["violate"]:
         message, color = f"{counts['violate']} of {total} {'violates' if counts['violate'] == 1 else 'violate'}", "red"
+    elif counts["unread"]:
+        message, color = f"{counts['unread']} of {total} could not be read", "red"
     elif counts["undecided"]:
         message, color = f"{counts['undecided']} of {total} undecided", "yellow"
     elif counts["with_findings"]:
@@ -335,7 +339,8 @@ def _temporary(folder: Path) -> Path:
 def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write `content` to `path` as a whole or not at all: a reader never sees half a file. OSError where that fails."""
     target = Path(os.path.realpath(path))
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    # Names of files may hold bytes of no encoding, which are shown as numbers.
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     if target.exists() and not target.is_file():  # a device or a pipe cannot be replaced
         target.write_bytes(data)
         return

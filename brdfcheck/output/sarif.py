@@ -49,8 +49,8 @@ _RULES: dict[str, tuple[str, str, str, str]] = {
     "brdf/not-evaluated": (
         "NotEvaluated",
         "error",
-        "The BRDF could not be evaluated.",
-        "The message says what it raised and where.",
+        "The BRDF could not be read or evaluated.",
+        "The message says what is wrong and where.",
     ),
     "brdf/finding": ("Finding", "warning", "The BRDF has a defect.", "The message says which."),
     "check/reciprocal": (
@@ -199,7 +199,7 @@ def _physical(place: Place, root: str) -> dict[str, Any] | None:
         return None
     path = Path(os.path.realpath(file))
     if path.is_relative_to(root):
-        artifact = {"uri": quote(path.relative_to(root).as_posix()), "uriBaseId": _ROOT}
+        artifact = {"uri": quote(os.fsencode(path.relative_to(root).as_posix())), "uriBaseId": _ROOT}
     else:
         artifact = {"uri": path.as_uri()}
     return {"artifactLocation": artifact, "region": {"startLine": line or 1}}

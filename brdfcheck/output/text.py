@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from brdfcheck.fits.ladder import Rung
     from brdfcheck.verdict import Report
 
-_STYLES = {"CONSERVES": "green", "VIOLATES": "bold red", "UNDECIDED": "bold yellow"}
+_STYLES = {"CONSERVES": "green", "VIOLATES": "bold red", "UNDECIDED": "bold yellow", "ERROR": "bold red"}
 # Below this width a report takes two lines of a table, below the other one a paragraph.
 _WIDE, _NARROW = 140, 80
 
@@ -40,11 +40,10 @@ def tolerance_line(tolerance: float) -> str:
 
 def plain_line(report: Report, name_width: int = 0, claim: str | None = None) -> str:
     """One report in one line, with what was claimed where that is known."""
-    parts = [
-        f"{report.name:<{name_width}}",
-        f"{report.verdict.name:<9}",
-        f"albedo {words.albedo_text(report)}",
-    ]
+    parts = [f"{report.name:<{name_width}}", f"{words.verdict_text(report):<9}"]
+    if report.unread:
+        return "  ".join((*parts, "could not be read"))
+    parts.append(f"albedo {words.albedo_text(report)}")
     if words.place_text(report):
         parts.append(f"at {words.place_text(report)}")
     interval = words.interval_text(report)
@@ -69,7 +68,7 @@ def remark_lines(reports: Iterable[Report]) -> list[str]:
     return [
         f"{kind}: {report.name}: {one_line(text)}"
         for report in reports
-        for kind, texts in (("finding", report.findings), ("note", report.notes))
+        for kind, texts in (("error" if report.unread else "finding", report.findings), ("note", report.notes))
         for text in texts
     ]
 
@@ -81,6 +80,8 @@ def summary_line(counts: dict[str, int], seconds: float, tolerance: float) -> st
         words.plural(counts["violate"], "violates", "violate"),
         f"{counts['undecided']} undecided",
     ]
+    if counts["unread"]:
+        parts.append(f"{counts['unread']} could not be read")
     if counts["with_findings"]:
         parts.append(words.plural(counts["with_findings"], "has findings", "have findings"))
     if counts["known"]:
@@ -257,7 +258,7 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
             console,
             (
                 (
-                    (f"{report.name}  {report.verdict.name}", _STYLES[report.verdict.name]),
+                    (f"{report.name}  {words.verdict_text(report)}", _STYLES[words.verdict_text(report)]),
                     (f"claimed: {claim}" if claim else "", ""),
                     (f"albedo {words.albedo_text(report, plus_minus)}", ""),
                     (f"at {words.place_text(report, degree)}" if words.place_text(report) else "", ""),
@@ -284,12 +285,12 @@ def report_table(console: Console, reports: Sequence[Report], claims: Sequence[s
         table.add_column("Seconds", justify="right", no_wrap=True)
         table.add_column("Engine", no_wrap=True)
     for report, claim in zip(reports, claimed, strict=True):
-        verdict = Text(report.verdict.name, style=_STYLES[report.verdict.name])
+        verdict = Text(words.verdict_text(report), style=_STYLES[words.verdict_text(report)])
         if not wide:
             verdict.append(f"\n{report.seconds:.2f} s", style="not bold dim white")
         if report.known is not None:
             verdict.append("\nknown", style="not bold dim white")
-        if report.findings:
+        if report.findings and not report.unread:
             verdict.append("\n" + words.plural(len(report.findings), "finding", "findings"), style="bold red")
         albedo, place = _text(words.albedo_text(report, plus_minus)), _text(words.place_text(report, degree))
         name = _text(report.name)
@@ -319,9 +320,10 @@ def remarks(console: Console, reports: Iterable[Report]) -> None:
     """What the answers of a table rest on, and its findings and notes, below it."""
     reports = list(reports)
     for report in reports:
-        console.print(_text(f"{report.name}: {one_line(words.basis_text(report))}", "dim"))
+        if not report.unread:
+            console.print(_text(f"{report.name}: {one_line(words.basis_text(report))}", "dim"))
     for line in remark_lines(reports):
-        finding = line.startswith("finding")
+        finding = line.startswith(("finding", "error"))
         console.print(_text(line, "red" if finding else "dim"))
 
 

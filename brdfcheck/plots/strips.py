@@ -23,7 +23,7 @@ _ROW = 0.30  # inches a row
 class Violation:
     """A BRDF that exceeds 1 and where; the ends that are ends of the range, not of the violation, are `edges`."""
 
-    sampled: bool  # not where the figure has one curve
+    sampled: bool  # not where it is the only one that does
     style: Style
     intervals: list[Interval]
     edges: Interval  # ends of the range
@@ -34,7 +34,7 @@ def violations(curves: Sequence[Mapping[str, Any]], look: Sequence[Style], edges
     """The curves that exceed 1, in the order of the curves."""
     return [
         Violation(
-            len(curves) > 1,
+            sum(bool(other.get("above")) for other in curves) > 1,
             style,
             [(float(low), float(high)) for low, high in curve["above"]],
             edge,

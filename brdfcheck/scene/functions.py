@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF, Scale
 from brdfcheck.brdf.callables import Evaluator, constant
+from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.brdf.two_sides import BELOW, Folded, FunctionBSDF
@@ -104,9 +105,9 @@ def brdf_of(
     """
     try:
         target = as_target(value, {name: (number, number) for name, number in parameters.items()}, None, reading)
-    except UsageError as error:
-        words, missing, _ = one_line(error).partition(" must be given a range")
-        raise UsageError(f"{words} must be given as a number" if missing else words) from None
+    except NoRange as error:
+        words, _, _ = one_line(error).partition(" must be given a range")
+        raise NoRange(f"{words} must be given as a number", error.names) from None
     if target.finding is not None:
         raise ValueError(one_line(target.finding))
     family = target.family
@@ -116,7 +117,7 @@ def brdf_of(
     missing = [name for name, (low, high) in family.ranges.items() if low < high and name not in known]
     if missing:
         plural = "s" if len(missing) > 1 else ""
-        raise UsageError(f"{family.name}: the parameter{plural} {', '.join(missing)} must be given as a number")
+        raise NoRange(f"{family.name}: the parameter{plural} {', '.join(missing)} must be given as a number", missing)
     build = family.build if family.surface is None or furnace else family.surface
     brdf = build(**{name: family.defaults.get(name, low) for name, (low, _) in family.ranges.items()})
     if not furnace and (getattr(brdf, "transmits", False) or getattr(brdf, "mirrors", False)):

@@ -39,6 +39,26 @@ def codes(image: Any, bits: int = 8) -> np.ndarray:
     return np.ascontiguousarray(np.moveaxis(scaled, 0, -1).astype(np.uint8 if bits == 8 else np.uint16))
 
 
+def tone_mapped(image: Any) -> tuple[Float[np.ndarray, "3 height width"], float]:
+    """(the image with its brightest pixel at 1, the largest number M in it), for pictures whose highlights exceed 1.
+
+    Up to M = 2 it is divided by M. A brighter one is halved, and what is then above 1/2 runs along a logarithm that goes on
+    with the same slope and ends at 1: matt parts keep their shading, and a highlight of any height its shape. Pixels keep
+    their colour; an image without anything above 1 stays as it is.
+    """
+    array = _checked(image)
+    most = float(np.max(array, where=np.isfinite(array), initial=0.0))
+    if most <= 2:
+        return array / np.float32(max(most, 1.0)), most
+    steep = most
+    for _ in range(60):  # by Newton's method steep = log(1 + steep (M - 1)), so that the slopes are equal at 1
+        steep -= (steep - np.log1p(steep * (most - 1))) / (1 - (most - 1) / (1 + steep * (most - 1)))
+    height = np.max(array, axis=0)
+    beyond = 0.5 + 0.5 * np.log1p(steep * np.maximum(height - 1, 0)) / np.log1p(steep * (most - 1))
+    scale = np.where(height > 1, beyond / np.maximum(height, 1), 0.5)
+    return np.asarray(array * scale, np.float32), most
+
+
 def png_bytes(image: Any, bits: int = 8) -> bytes:
     """A PNG of the image in sRGB, marked as such. Values outside [0, 1] are cut off. ValueError as for `codes`."""
     import png

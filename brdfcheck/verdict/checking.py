@@ -57,6 +57,7 @@ def check(
     Raises ValueError for bad ranges and for unknown names (which are a KeyError, too), TypeError for something that is not a
     BRDF. A function that raises or returns nonsense is reported as a finding.
     """
+    __tracebackhide__ = True
     if tolerance is not None and not (isinstance(tolerance, (int, float)) and 0 <= tolerance < 1):
         raise ValueError(f"tolerance must be a number in [0, 1); got {tolerance!r}")
     if rtol is not None and not (isinstance(rtol, (int, float)) and 0 < rtol < 1):
@@ -75,6 +76,7 @@ def assert_conserves(brdf: Any, **options: Any) -> Report:
 
     `brdf` and `options` are those of `check`, ranges of parameters included. Raises what `check` raises; returns its report.
     """
+    __tracebackhide__ = True
     report = check(brdf, **options)
     if not report.passed:
         raise AssertionError(str(report))

@@ -41,6 +41,7 @@ class Report:
     open and how much of the error bar that is (None for anything else).
 
     `known`: why what was found is accepted (None: it is not, or nothing was found); `stale`: more is accepted than was found.
+    `unread`: the BRDF could not be read, so that nothing was checked; `findings` says why.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Report:
     doubt: Doubt | None = None
     known: str | None = None
     stale: bool = False
+    unread: bool = False
 
     @property
     def passed(self) -> bool:

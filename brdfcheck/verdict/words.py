@@ -18,6 +18,11 @@ def exact(value: float) -> str:
     return f"{mantissa}e{int(exponent)}" if letter else mantissa
 
 
+def verdict_text(report: Report) -> str:
+    """The verdict in one word; what could not be read has none."""
+    return "ERROR" if report.unread else report.verdict.name
+
+
 def albedo_text(report: Report, plus_minus: str = "+-") -> str:
     """The largest albedo and its error bar, with the digits that the error bar leaves (at most ten)."""
     if math.isnan(report.cos_theta):
@@ -102,6 +107,8 @@ def plural(count: int, singular: str, many: str) -> str:
 
 def message(report: Report) -> str:
     """In one line what was found out, for annotations and test reports; what is wrong comes first."""
+    if report.unread:
+        return f"{verdict_text(report)}: {'; '.join(map(one_line, report.findings))}"
     text = f"{report.verdict.name}: albedo {albedo_text(report)}"
     if place_text(report):
         text += f" at {place_text(report)}"
@@ -118,7 +125,7 @@ def reason_text(report: Report) -> str:
     if report.verdict.name != "UNDECIDED":
         return report.verdict.value
     if report.basis == "none":
-        return "the BRDF could not be evaluated"
+        return f"the BRDF could not be {'read' if report.unread else 'evaluated'}"
     if math.isnan(report.albedo):
         return "the albedo is not a number"
     if not report.settled:

@@ -7,7 +7,7 @@ from typing import Any
 from brdfcheck.plots import paper
 
 COLOURS = {"CONSERVES": "#009E73", "VIOLATES": "#D55E00", "UNDECIDED": "#777777"}
-CEILING = 4.0  # of the axis; what lies above is an arrow
+CEILING = 4.0  # of the axis, which may end sooner; what lies above is an arrow
 
 
 def plot(record: dict[str, Any]) -> Any:
@@ -17,6 +17,7 @@ def plot(record: dict[str, Any]) -> Any:
     with paper.house_style():
         figure = paper.empty(7.0, 0.28 * len(rows) + 1.0)
         axes = figure.subplots()
+        most = min(1.1 * max([1.0, *(float(row["albedo"]) for row in rows)]), CEILING)
         for place, row in enumerate(rows):
             value, colour = float(row["albedo"]), COLOURS[row["verdict"]]
             shown = min(value, CEILING)
@@ -24,7 +25,7 @@ def plot(record: dict[str, Any]) -> Any:
             axes.plot([shown], [place], marker=">" if value > CEILING else "o", color=colour, markersize=6)
             axes.text(1.01, place, told(row), transform=axes.get_yaxis_transform(), fontsize=7, va="center", color=colour)
         axes.axvline(1, color="black", linewidth=1.0)
-        axes.set(xlim=(0, CEILING * 1.03), ylim=(len(rows) - 0.4, -0.6), xlabel="largest directional albedo")
+        axes.set(xlim=(0, most * 1.03), ylim=(len(rows) - 0.4, -0.6), xlabel="largest directional albedo")
         axes.set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=7.5)
         axes.tick_params(axis="y", length=0)
     return figure

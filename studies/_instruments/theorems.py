@@ -46,6 +46,7 @@ def _limacon(axes: Any, cap: float = 30.0, theta: float = 70.0) -> None:
 def _boxes(axes: Any) -> None:
     """The albedo with the published factor, and what its proof knows of it on each box."""
     claim = Claim(TruncatedPower("half", 16), LinearFactor(Fraction(6), Fraction("24.55")))
+    low, high = 0.81, 1.02
     for piece in cover(claim, Fraction(1), Fraction(1000)):
         below = piece.side == BELOW
         for a, b in itertools.pairwise(piece.nodes):
@@ -57,11 +58,15 @@ def _boxes(axes: Any) -> None:
                 values = (claim.gain(a) * (2 * f - g), claim.albedo((a + b) / 2), claim.gain(b) * (2 * f - e))
                 bound = min(map(lower, values))
             look = {"color": PALETTE[0 if below else 1], "alpha": 0.3, "linewidth": 0.6}
-            axes.fill_between([float(a), float(b)], float(bound), 0.81 if below else 1.01, **look)
+            axes.fill_between([float(a), float(b)], float(bound), low if below else high, **look)
         if piece.onwards:  # by one test
-            axes.fill_between([float(piece.nodes[-1]), 1000], 1.0, 0.81, color=PALETTE[0], alpha=0.3, linewidth=0.6)
+            axes.fill_between([float(piece.nodes[-1]), 1000], 1.0, low, color=PALETTE[0], alpha=0.3, linewidth=0.6)
     n = np.geomspace(1, 1000, 400)
-    axes.plot(n, [float(upper(claim.albedo(Fraction(x)))) for x in n], color="k", linewidth=1)
-    axes.set(xscale="log", ylim=(0.81, 1.01), xlabel="n", ylabel="albedo along the normal", title="(n + 6)/24.55: proved boxes")
+    axes.plot(n, [float(upper(claim.albedo(Fraction(x)))) for x in n], color="k", linewidth=1, label="the albedo")
+    axes.axhline(1, color="black", linewidth=0.6)
+    axes.fill_between([], [], [], color=PALETTE[0], alpha=0.3, label="it is proved to lie in here, up to 1")
+    axes.fill_between([], [], [], color=PALETTE[1], alpha=0.3, label="it is proved to lie in here, above 1")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncol=1)
+    axes.set(xscale="log", ylim=(low, high), xlabel="n", ylabel="albedo along the normal", title="(n + 6)/24.55: proved boxes")
     axes.set_xticks((1, 10, 100, 1000), ("1", "10", "100", "1000"))
     axes.minorticks_off()

@@ -25,7 +25,12 @@ class _SourceLoader(SourceFileLoader):
     """Compiles the source each time: a cached file would be stale where two edits fall within one second."""
 
     def get_code(self, fullname: str) -> Any:
-        return self.source_to_code(self.get_data(self.path), self.path)
+        return self.source_to_code(self.get_data(self.path), _printable(self.path))
+
+
+def _printable(path: str) -> str:
+    """The path without the surrogates that stand for bytes of no encoding, with which JAX names no function."""
+    return path.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def load_module(path_text: str) -> ModuleType:
@@ -36,8 +41,11 @@ def load_module(path_text: str) -> ModuleType:
             raise UsageError(f"{path_text} is a folder; give a Python file, as in mine.py:brdf")
         if not path.exists():
             raise UsageError(f"there is no file {path_text!r}")
+        if not path.is_file():
+            raise UsageError(f"{path_text} is no ordinary file")
         path = path.resolve()
-        path.read_bytes()
+        if b"\0" in path.read_bytes():
+            raise UsageError(f"cannot import {path_text}: it is not text in UTF-8: it holds zero bytes")
     except UsageError:
         raise
     except (OSError, ValueError) as error:
@@ -55,6 +63,27 @@ def load_module(path_text: str) -> ModuleType:
         del sys.modules[name]
         raise UsageError(f"cannot import {path_text}: {_import_trouble(error, path)}") from None
     return module
+
+
+class _Failed(ModuleType):
+    """Stands for a file that could not be loaded; `error` says why."""
+
+    def __init__(self, error: UsageError):
+        super().__init__("failed")
+        self.error = error
+
+
+def _once(path: str, modules: dict[str, ModuleType]) -> ModuleType:
+    """The module of a file, which is run once however many of its objects are named, also where that fails. UsageError."""
+    if path not in modules:
+        try:
+            modules[path] = load_module(path)
+        except UsageError as error:
+            modules[path] = _Failed(error)
+    found = modules[path]
+    if isinstance(found, _Failed):
+        raise found.error.with_traceback(None)
+    return found
 
 
 _last_folder: Path | None = None
@@ -86,11 +115,12 @@ def _importable(folder: Path) -> Iterator[None]:
 def _import_trouble(error: BaseException, path: Path) -> str:
     if isinstance(error, SyntaxError):
         where = "" if error.filename in (None, str(path)) else f"{error.filename} "
-        return f"{where}line {error.lineno}: {type(error).__name__}: {one_line(error.msg)}"
+        line = "" if error.lineno is None else f"line {error.lineno}: "
+        return f"{where}{line}{type(error).__name__}: {one_line(error.msg)}"
     line = None
     traceback = error.__traceback__
     while traceback is not None:
-        if traceback.tb_frame.f_code.co_filename == str(path):
+        if traceback.tb_frame.f_code.co_filename == _printable(str(path)):
             line = traceback.tb_lineno
         traceback = traceback.tb_next
     at = "" if line is None else f"line {line}: "
@@ -101,11 +131,9 @@ def _import_trouble(error: BaseException, path: Path) -> str:
 
 def offered(path: str, modules: dict[str, ModuleType]) -> list[str]:
     """All that a Python file offers as BRDFs, as specs: its public callables, of ``__all__`` where it has that. UsageError."""
-    if not path.endswith(".py"):
+    if not path.lower().endswith(".py"):
         raise UsageError(f"{path}:*: only Python files are taken whole; name the function, as in {path}:NAME")
-    if path not in modules:
-        modules[path] = load_module(path)
-    names = _offers(modules[path])
+    names = _offers(_once(path, modules))
     if not names:
         raise UsageError(f"{path}:*: it defines no public callable")
     return [f"{path}:{name}" for name in names]
@@ -136,11 +164,9 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
     """
     modules = {} if modules is None else modules
     path, name = split_spec(spec)
-    if not path.endswith(".py"):
+    if not path.lower().endswith(".py"):
         raise UsageError(f"{spec!r}: a BRDF of your own is given as path/to/file.py:object")
-    if path not in modules:
-        modules[path] = load_module(path)
-    module = modules[path]
+    module = _once(path, modules)
     offers = _offers(module)
     choices = f"it offers {', '.join(offers)}" if offers else "it defines no public callable"
     if not name:

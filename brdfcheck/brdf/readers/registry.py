@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -117,6 +118,10 @@ def load_file(spec: str, reading: Reading, modules: Modules) -> tuple[Any, str]:
             f"{reader.name} ({', '.join(reader.suffixes) or reader.prefix}), as {reader.example}" for reader in READERS
         )
         what = f"files that end in {suffix!r}" if suffix else "a file without an ending"
+        # As modules are named in Python: mine:glossy, or mine.glossy.
+        path, name = split_spec(spec) if ":" in spec else spec.rpartition(".")[::2]
+        if name and os.path.isfile(f"{path}.py") and not os.path.exists(spec):
+            raise UsageError(f"{one_line(spec)!r}: there is no reader for {what}; did you mean {path}.py:{name}?")
         raise UsageError(f"{one_line(spec)!r}: there is no reader for {what}; a BRDF of your own is read from {kinds}")
     if reading.for_shaders and not reader.asks:
         raise UsageError(f"{OPTIONS} are for shader files; {one_line(spec)} is {reader.name}")

@@ -24,7 +24,7 @@ def verdict_row(report: Report, identity: str, claim: str | None) -> str:
     cells = [] if claim is None else [_cell(claim)]
     size = "" if math.isnan(report.albedo) else repr(float(report.albedo)).replace("inf", "Infinity")
     cells += [
-        _cell(_pill(report), key=report.verdict.name, markup=True),
+        _cell(_pill(report), key=words.verdict_text(report), markup=True),
         _cell(words.albedo_text(report, _SIGNS[0]), key=size, kind="number" if math.isfinite(report.albedo) else ""),
         _cell(words.place_text(report, _SIGNS[1])),
         _cell(words.interval_text(report)),
@@ -42,7 +42,8 @@ def _cell(text: str, *, key: str | None = None, kind: str = "", markup: bool = F
 
 def _pill(report: Report) -> str:
     known = ' <span class="pill neutral">accepted</span>' if report.known is not None else ""
-    return f'<span class="pill {report.verdict.name}">{report.verdict.name}</span>{known}'
+    word = words.verdict_text(report)
+    return f'<span class="pill {word}">{word}</span>{known}'
 
 
 def article(entry: Entry, identity: str, index: int) -> str:
@@ -66,6 +67,8 @@ def article(entry: Entry, identity: str, index: int) -> str:
 
 
 def _lead(report: Report) -> str:
+    if report.unread:
+        return "It could not be read, and was not checked."
     text = f"{'The' if report.unbounded else 'Largest'} albedo {words.albedo_text(report, _SIGNS[0])}"
     if words.place_text(report, _SIGNS[1]):
         text += f" at {words.place_text(report, _SIGNS[1])}"
@@ -76,7 +79,7 @@ def _lead(report: Report) -> str:
 
 def _facts(report: Report) -> dict[str, str]:
     facts = {
-        "Verdict": f"{report.verdict.name}: {words.reason_text(report)}",
+        "Verdict": f"{words.verdict_text(report)}: {words.reason_text(report)}",
         "It rests on": words.basis_text(report),
         "Over": words.ranges_text(report.ranges) or "no parameters",
         "Tolerance": words.exact(report.tolerance),
@@ -113,7 +116,7 @@ def _findings(report: Report) -> Iterable[str]:
         witness = witnesses.get(finding)
         picture = "" if witness is None else _directions(witness)
         items.append(f"<li>{picture}<p>{escape(finding)}</p></li>")
-    return [f"<h3>Findings</h3>\n<ul class='findings'>{''.join(items)}</ul>"]
+    return [f"<h3>{'Error' if report.unread else 'Findings'}</h3>\n<ul class='findings'>{''.join(items)}</ul>"]
 
 
 def _witnesses(report: Report) -> dict[str, Witness]:

@@ -42,6 +42,8 @@ def heading(reports: Sequence[Report]) -> str:
     counts = records.count(reports)
     if len(reports) == 1:
         report = reports[0]
+        if report.unread:
+            return f"{report.name} could not be read"
         said = {
             Verdict.CONSERVES: "conserves energy",
             Verdict.VIOLATES: "does not conserve energy",
@@ -52,6 +54,7 @@ def heading(reports: Sequence[Report]) -> str:
     parts = [
         (counts["violate"], "does not conserve energy", "do not conserve energy"),
         (counts["undecided"], "is undecided", "are undecided"),
+        (counts["unread"], "could not be read", "could not be read"),
         (defects, "has other defects", "have other defects"),
     ]
     found = [part for part in parts if part[0]]
@@ -123,9 +126,10 @@ def _chips(entries: Sequence[Entry]) -> str:
         return ""
     counts = records.count(reports)
     said = [
-        (counts["conserve"], "conserve energy", "CONSERVES"),
-        (counts["violate"], "violate it", "VIOLATES"),
+        (counts["conserve"], f"conserve{'s' * (counts['conserve'] == 1)} energy", "CONSERVES"),
+        (counts["violate"], f"violate{'s' * (counts['violate'] == 1)} it", "VIOLATES"),
         (counts["undecided"], "undecided", "UNDECIDED"),
+        (counts["unread"], "could not be read", "ERROR"),
         (counts["with_findings"], "with findings", "UNDECIDED"),
         (counts["known"], "known and accepted", "neutral"),
     ]

@@ -1,0 +1,86 @@
+"""Which parameters a BRDF has, whatever it is: a family, a class, a function, a factory, a file."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from brdfcheck.brdf.calling import directional
+from brdfcheck.brdf.readers.base import AbstractFile
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.family import Family
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The parameters of a callable, or of a family of the catalogue.
+
+    `integers`: those that are whole numbers; `whole`: those whose default is one, which may run over a range all the same;
+    `words`: those whose default is a text or a truth value. `open`: it takes any keyword, or cannot say what it takes.
+    """
+
+    required: tuple[str, ...]
+    names: tuple[str, ...]
+    integers: frozenset[str]
+    whole: frozenset[str]
+    words: frozenset[str]
+    open: bool
+
+
+def signature_of(value: Any, ranged: Collection[str] = ()) -> Signature:
+    """The parameters of a family, a class, a function or a factory, its directions or angles as wi and wo.
+
+    `ranged`: names that have a range, so that none of them is the normal.
+    """
+    from brdfcheck.brdf.family import Family
+
+    value = directional(value, ranged)
+    if isinstance(value, AbstractFile):
+        return Signature(value.required, value.names, value.whole, value.whole, frozenset(), False)
+    if isinstance(value, Family):
+        whole = frozenset(_whole_fields(value))
+        return Signature(tuple(value.ranges), (*value.ranges, *sorted(whole)), whole, whole, frozenset(), False)
+    try:
+        parameters = list(inspect.signature(value).parameters.values())
+    except (TypeError, ValueError):
+        return Signature((), (), frozenset(), frozenset(), frozenset(), True)
+    variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    named = [parameter for parameter in parameters if parameter.kind not in variadic]
+    return Signature(
+        tuple(parameter.name for parameter in named if parameter.default is parameter.empty),
+        tuple(parameter.name for parameter in named),
+        frozenset(parameter.name for parameter in named if parameter.annotation in (int, "int")),
+        frozenset(parameter.name for parameter in named if type(parameter.default) is int),
+        frozenset(parameter.name for parameter in named if isinstance(parameter.default, (str, bool))),
+        len(named) < len(parameters),
+    )
+
+
+def _whole_fields(family: Family) -> list[str]:
+    """The whole numbers in the lobe of a family, such as the k of the binomial power."""
+    import equinox as eqx
+    import jax
+
+    from brdfcheck.brdf.base import AbstractBRDF
+
+    shapes = {name: jax.ShapeDtypeStruct((), "float32") for name in family.ranges}
+    try:
+        built = eqx.filter_eval_shape(family.build, **shapes)
+    except Exception:  # the factory needs numbers, not tracers
+        return []
+    fields = dataclasses.fields(built.core) if isinstance(built, AbstractBRDF) else ()
+    return [part.name for part in fields if type(getattr(built.core, part.name)) is int]
+
+
+def returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
+    """True where two directions give a function: then it is a factory whose two parameters have no range yet."""
+    import numpy as np
+
+    try:
+        return callable(function(np.array([[0.6, 0.0, 0.8]]), np.array([[0.0, 0.6, 0.8]]), **parameters))
+    except (Exception, SystemExit):
+        return False
