@@ -247,7 +247,8 @@ def test_what_excludes_each_other_is_told():
 # --- the study ---
 
 
-def test_a_check_is_a_process_of_the_package_that_was_given():
+def test_a_check_is_a_process_of_the_package_that_was_given(monkeypatch):
+    monkeypatch.setattr(user_checks, "_LONG", 60)  # on a busy machine, too
     told = user_checks.check("oren_nayar_numpy", ROOT, kept=True)
     assert told["verdict"] == "VIOLATES"
     assert told["albedo"] == pytest.approx(1.0151787783, abs=1e-9)
@@ -268,7 +269,7 @@ def record():
         told = {"verdict": "CONSERVES" if albedo < 1 else "VIOLATES", "albedo": albedo, "error": 1e-8, "evaluations": 10**7}
         return {"seconds": 6.0 if old else 2.0, "kept_seconds": 1.5 if kept else None, "findings": [], **told, **place}
 
-    with pytest.MonkeyPatch.context() as patch, jax.numpy_dtype_promotion("standard"):
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(user_checks, "check", check)
         patch.setattr(studies, "load", lambda study: module)
         return json.loads(studies.to_json(studies.record_of(STUDY, "small", [ROOT / "tests" / ".."])))
