@@ -13,6 +13,7 @@ largest 1 - E at normal incidence over n in [1, 1000]. Every rung is the best of
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -104,18 +105,16 @@ def summary(record: dict[str, Any]) -> str:
     results = record["results"]
     forms = list(LETTERS)
 
-    def cell(result: dict[str, Any], form: str) -> str:
-        rung = next((rung for rung in result["rungs"] if rung["form"] == form), None)
-        return "-" if rung is None else "0" if rung["lost"] < 1e-12 else f"{rung['lost']:.2g}"
+    def rows(told: Callable[[dict[str, Any]], str]) -> str:
+        """A line a lobe, with what is told of each form that it has."""
+        lines = []
+        for result in results:
+            rungs = {rung["form"]: told(rung) for rung in reversed(result["rungs"])}
+            lines.append((f"`{result['name']}`", *(rungs.get(form, "-") for form in forms)))
+        return table(("lobe", *forms), lines)
 
-    def cost_cell(result: dict[str, Any], form: str) -> str:
-        rung = next((rung for rung in result["rungs"] if rung["form"] == form), None)
-        return "-" if rung is None else f"{rung['operations']} / {rung['nanoseconds']:.1f}"
-
-    losses = table(("lobe", *forms), [(f"`{result['name']}`", *(cell(result, form) for form in forms)) for result in results])
-    costs = table(
-        ("lobe", *forms), [(f"`{result['name']}`", *(cost_cell(result, form) for form in forms)) for result in results]
-    )
+    losses = rows(lambda rung: "0" if rung["lost"] < 1e-12 else f"{rung['lost']:.2g}")
+    costs = rows(lambda rung: f"{rung['operations']} / {rung['nanoseconds']:.1f}")
     factors = table(
         ("lobe", "form", "factor"),
         [(f"`{result['name']}`", rung["form"], f"`{rung['factor']}`") for result in results for rung in result["rungs"]],

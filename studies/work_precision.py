@@ -1,6 +1,6 @@
 """Which rule gives the most digits of an albedo for its time, and which ones never arrive?
 
-Command: ``brdfcheck study work_precision``. Four minutes on two cores.
+Command: ``brdfcheck study work_precision``. Three to four minutes on two cores.
 
 Answer: the exact-azimuth rule, everywhere: 14 digits from 80 to 212 evaluations, a tenth of a millisecond by itself and 10
 microseconds in a batch, whatever the exponent and the angle, and the half-vector rule for the Beckmann needle (14 digits in

@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,21 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str
         return code, *capsys.readouterr()
 
     return run
+
+
+@pytest.fixture
+def mine(here: Path, request: pytest.FixtureRequest) -> str:
+    """The file mine.py with what the module of the test has as MINE."""
+    path = here / "mine.py"
+    path.write_text(textwrap.dedent(request.module.MINE))
+    return str(path)
+
+
+@pytest.fixture
+def as_users_have_it() -> Iterator[None]:
+    """Users mix types: what the tests forbid is allowed here."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -31,6 +31,13 @@ def contents(folder: Path, *, seconds: bool = True) -> dict[str, bytes | None]:
     return {name: data for name, data in found.items() if seconds or not name.startswith("seconds/c")}
 
 
+def direction(cosine: Any, azimuth: Any = 0.0) -> np.ndarray:
+    """Unit vectors (..., 3) at these cosines and azimuths, in double precision."""
+    cosine, azimuth = np.broadcast_arrays(np.asarray(cosine, float), np.asarray(azimuth, float))
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+
+
 def compiled(command: Sequence[str], source: str, file: Path, points: np.ndarray) -> np.ndarray:
     """What a program in `file` prints, which reads pairs of numbers. `command`: the compiler with its options."""
     file.write_text(source)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from shared import direction
 
 from brdfcheck.quadrature.adaptive import _NODES, _WEIGHTS, HemisphereIntegral, integrate_hemisphere
 
@@ -30,11 +31,6 @@ CAVITIES = (
     (1.0, 0.05, 0.9825503921433059),
     (1.0, 0.8, 0.5723332031987569),
 )
-
-
-def light(cosine: float, azimuth: float = 0.0) -> np.ndarray:
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
 
 
 def versine(wo: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -140,27 +136,27 @@ def test_lambert_is_exact_in_one_pass(cosine: float):
 @pytest.mark.parametrize("index", range(len(COSINES)))
 def test_ggx(alpha: float, index: int):
     cosine = COSINES[index]
-    check(integrate_hemisphere(ggx(alpha, light(cosine)), cosine), GGX[alpha][index], 1e-10, most=200_000)
+    check(integrate_hemisphere(ggx(alpha, direction(cosine)), cosine), GGX[alpha][index], 1e-10, most=200_000)
 
 
 @pytest.mark.parametrize("n", [1, 10, 1000, 2e5])
 @pytest.mark.parametrize("cosine", [1, 0.999, 0.7, 0.1, 0.01])
 def test_phong(n: float, cosine: float):
-    axis = light(cosine) * MIRROR
+    axis = direction(cosine) * MIRROR
     found = integrate_hemisphere(lambda wo: power(n)(versine(wo, axis)), cosine)
     check(found, zonal_albedo(power(n), cosine, np.pi / 2), 1e-10, most=120_000)
 
 
 @pytest.mark.parametrize(("m", "cosine", "expected"), CAVITIES)
 def test_masking_kinks(m: float, cosine: float, expected: float):
-    found = integrate_hemisphere(cavities(m, light(cosine)), cosine, tolerance=1e-7)
+    found = integrate_hemisphere(cavities(m, direction(cosine)), cosine, tolerance=1e-7)
     check(found, expected, 1e-8, most=1_000_000)
 
 
 @pytest.mark.parametrize("cosine", [0.01, 0.3, 0.8, 1])
 @pytest.mark.parametrize("azimuth", [0, 2.1])
 def test_retro_reflective_needle(cosine: float, azimuth: float):
-    wi = light(cosine, azimuth)
+    wi = direction(cosine, azimuth)
     found = integrate_hemisphere(lambda wo: power(1e5)(versine(wo, wi)), cosine, azimuth)
     check(found, zonal_albedo(power(1e5), cosine), 1e-10, most=120_000)
 
@@ -169,8 +165,8 @@ def test_retro_reflective_needle(cosine: float, azimuth: float):
 @pytest.mark.parametrize("place", ["mirror", "normal", "light"])
 @pytest.mark.parametrize("cosine", [0.02, 0.4, 0.7071067811865476, 0.999, 1])
 def test_needles_about_the_seeds(n: float, place: str, cosine: float):
-    wi = light(cosine, 0.3)
-    axis = {"mirror": wi * MIRROR, "normal": light(1), "light": wi}[place]
+    wi = direction(cosine, 0.3)
+    axis = {"mirror": wi * MIRROR, "normal": direction(1), "light": wi}[place]
     found = integrate_hemisphere(lambda wo: n / (2 * np.pi) * np.exp(-n * versine(wo, axis)), cosine, 0.3)
     # In closed form where the horizon cuts off less than exp(-n cos^2 / 2).
     expected = axis[2] * (1 - 1 / n)
@@ -185,9 +181,9 @@ def test_needles_about_the_seeds(n: float, place: str, cosine: float):
 @pytest.mark.parametrize(
     ("profile", "edge", "cosine", "axis", "tolerance"),
     [
-        (cone(0.1), 0.1, 0.83, light(0.58, 0.9), 1e-5),
-        (cone(0.13), 0.13, 0.57, light(0.18, 2.9), 1e-5),
-        (power(1), np.pi / 2, 0.925, light(0.925), 1e-9),
+        (cone(0.1), 0.1, 0.83, direction(0.58, 0.9), 1e-5),
+        (cone(0.13), 0.13, 0.57, direction(0.18, 2.9), 1e-5),
+        (power(1), np.pi / 2, 0.925, direction(0.925), 1e-9),
     ],
 )
 def test_slivers_are_seen(profile: Function, edge: float, cosine: float, axis: np.ndarray, tolerance: float):
@@ -199,7 +195,7 @@ def test_slivers_are_seen(profile: Function, edge: float, cosine: float, axis: n
 @pytest.mark.parametrize("azimuth", [0, 0.4, 1.5707963267948966, -2.5])
 @pytest.mark.parametrize("cosine", [0.15, 0.8])
 def test_anisotropic_lobe(widths: tuple[float, float], azimuth: float, cosine: float):
-    wi = light(cosine, azimuth)
+    wi = direction(cosine, azimuth)
     along, across = widths
 
     def value(wo: np.ndarray) -> np.ndarray:
@@ -225,11 +221,11 @@ def test_error_bars_hold_over_random_lobes():
     for case in range(64):
         cosine = (random.uniform(), 10 ** random.uniform(-4, 0), 1 - 10 ** random.uniform(-6, 0))[case % 3]
         azimuth = random.uniform(-4, 4)
-        wi = light(cosine, azimuth)
+        wi = direction(cosine, azimuth)
         place = ("mirror", "normal", "light", "elsewhere")[case % 4]
         sharpness = 10 ** random.uniform(0, 6 if place != "elsewhere" else 2.5)
-        elsewhere = light(random.uniform(), random.uniform(-4, 4))
-        axis = {"mirror": wi * MIRROR, "normal": light(1), "light": wi, "elsewhere": elsewhere}[place]
+        elsewhere = direction(random.uniform(), random.uniform(-4, 4))
+        axis = {"mirror": wi * MIRROR, "normal": direction(1), "light": wi, "elsewhere": elsewhere}[place]
         width = sharpness**-0.5
         profile, edge = (
             (power(sharpness), np.pi / 2),
@@ -258,14 +254,14 @@ def test_lobes_off_the_seeds_are_found():
     random = np.random.default_rng(7)
     for width in (0.006, 0.02, 0.1):
         for _ in range(12):
-            cosine, axis = random.uniform(0.05, 1), light(random.uniform(0.1, 1), random.uniform(-4, 4))
+            cosine, axis = random.uniform(0.05, 1), direction(random.uniform(0.1, 1), random.uniform(-4, 4))
             n = width**-2
             found = integrate_hemisphere(lambda wo, n=n, a=axis: power(n)(versine(wo, a)), cosine)
             check(found, zonal_albedo(power(n), axis[2], np.pi / 2), 1e-9, most=300_000)
 
 
 def test_a_jump_is_not_called_converged():
-    wi = light(0.6)
+    wi = direction(0.6)
     found = integrate_hemisphere(lambda wo: (versine(wo, wi * MIRROR) < 0.1) * 1.0, 0.6, max_evaluations=300_000)
     expected = zonal_albedo(lambda v: (v < 0.1) * 1.0, 0.6, np.arccos(0.9))
     assert not found.converged
@@ -274,7 +270,7 @@ def test_a_jump_is_not_called_converged():
 
 
 def test_channels_are_integrated_side_by_side():
-    lobe = ggx(0.1, light(0.5, 1.0))
+    lobe = ggx(0.1, direction(0.5, 1.0))
     tint = np.array([1.0, 0.5, 0.0])
     found = integrate_hemisphere(lambda wo: lobe(wo)[:, None] * tint, 0.5, 1.0)
     assert found.value.shape == found.error.shape == (3,)
@@ -293,7 +289,7 @@ def test_evaluations_are_counted_and_directions_are_sound():
         seen.append(wo.copy())
         return cavities(0.4, wi)(wo)
 
-    wi = light(1 / 64, 0.3)
+    wi = direction(1 / 64, 0.3)
     found = integrate_hemisphere(value, 1 / 64, 0.3, tolerance=1e-6)
     wo = np.concatenate(seen)
     assert found.evaluations == len(wo)
@@ -332,7 +328,7 @@ def test_what_is_not_finite_is_counted():
 
 @pytest.mark.parametrize("exponent", [1, 2])
 def test_a_peak_that_cannot_be_integrated_ends(exponent: int):
-    axis = light(0.5) * MIRROR
+    axis = direction(0.5) * MIRROR
     with np.errstate(divide="ignore"):
         found = integrate_hemisphere(lambda wo: versine(wo, axis) ** -exponent, 0.5, max_evaluations=500_000)
     assert not found.converged

@@ -12,6 +12,7 @@ import pytest
 from adversarial import Case
 from numpy.random import Generator
 from scipy.optimize import minimize
+from shared import direction
 
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.quadrature.albedo import albedo
@@ -42,12 +43,6 @@ def drawn(kind: str, seed: int) -> Case:
     return case
 
 
-def directions(cosine: np.ndarray | float, azimuth: np.ndarray | float) -> np.ndarray:
-    cosine, azimuth = np.broadcast_arrays(np.asarray(cosine, float), np.asarray(azimuth, float))
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
-
-
 def values(case: Case, wi: np.ndarray, wo: np.ndarray, **parameters: float) -> np.ndarray:
     """f on pairs (pairs, 3); channels come first."""
     with np.errstate(all="ignore"):
@@ -62,9 +57,7 @@ def hemispheres() -> list[tuple[np.ndarray, np.ndarray]]:
         x, w = np.polynomial.legendre.leggauss(count)
         root = (x + 1) / 2
         azimuth = np.pi * (np.arange(2 * count) + turn) / count
-        found.append(
-            (directions(root[:, None] ** 2, azimuth).reshape(-1, 3), np.repeat(w * root**3 * np.pi / count, 2 * count))
-        )
+        found.append((direction(root[:, None] ** 2, azimuth).reshape(-1, 3), np.repeat(w * root**3 * np.pi / count, 2 * count)))
     return found
 
 
@@ -72,14 +65,14 @@ def albedo_about_spot(case: Case, cosine: float, azimuth: float) -> float:
     """The albedo of a BRDF that is constant outside its spot: a polar rule about the axis of that."""
     assert case.spot is not None
     theta, turn, width = case.spot
-    wi, axis = directions(cosine, azimuth), directions(np.cos(theta), turn)
+    wi, axis = direction(cosine, azimuth), direction(np.cos(theta), turn)
     along = np.array([np.cos(theta) * np.cos(turn), np.cos(theta) * np.sin(turn), -np.sin(theta)])
     across = np.array([-np.sin(turn), np.cos(turn), 0.0])
     x, w = np.polynomial.legendre.leggauss(40)
     r, phi = (width * (x + 1) / 2)[:, None, None], (2 * np.pi * np.arange(64) / 64)[:, None]
     wo = np.cos(r) * axis + np.sin(r) * (np.cos(phi) * along + np.sin(phi) * across)
     weight = (w * width / 2)[:, None] * np.sin(r[..., 0]) * wo[..., 2] * 2 * np.pi / 64
-    outside = directions(np.random.default_rng(1).uniform(0, 1, 50), np.linspace(0, 6, 50))
+    outside = direction(np.random.default_rng(1).uniform(0, 1, 50), np.linspace(0, 6, 50))
     rest = values(case, wi, outside[outside @ axis < np.cos(width)])
     assert np.ptp(rest) == 0
     return float(np.sum(weight.ravel() * (values(case, wi, wo.reshape(-1, 3)) - rest[0])) + np.pi * rest[0])
@@ -107,8 +100,8 @@ def test_the_albedo_at_the_place_is_the_supremum(kind: str, seed: int):
         assert albedo_about_spot(case, cosine, azimuth) == pytest.approx(case.truth, abs=case.accuracy)
     elif case.kind == "wedge":  # the azimuth alone matters
         count = 100_000
-        wo = directions(0.8, 2 * np.pi * np.arange(count) / count)
-        around = values(case, directions(cosine, azimuth), wo)
+        wo = direction(0.8, 2 * np.pi * np.arange(count) / count)
+        around = values(case, direction(cosine, azimuth), wo)
         assert np.pi * np.mean(around) == pytest.approx(case.truth, abs=np.pi * np.ptp(around) / count)
     elif case.curve is not None:
         with np.errstate(all="ignore"):
@@ -136,7 +129,7 @@ def test_no_albedo_is_above_the_supremum(kind: str, seed: int):
             found = albedo(brdf, mu)
             assert float(found.value) <= case.truth + case.accuracy + float(found.error)
             continue
-        wi = directions(mu, azimuth)
+        wi = direction(mu, azimuth)
         found = [float(np.max(values(case, wi, wo, **parameters) @ weight)) for wo, weight in hemispheres()]
         assert not np.any(values(case, wi, hemispheres()[0][0], **parameters) < 0)
         if found[-1] <= case.truth + case.accuracy + 1e-9 + 2 * (max(found) - min(found)):
@@ -154,7 +147,7 @@ def test_no_albedo_is_above_the_supremum(kind: str, seed: int):
 def test_no_climb_over_the_parameters_gets_above_the_supremum(kind: str, seed: int):
     """The albedo of these is that of one BRDF times a function of the parameters: one pair of directions shows it."""
     case, random = adversarial.case(kind, (seed,), numpy=True), np.random.default_rng(seed)
-    wi, wo = directions(0.8, 0.0)[None], directions(0.7, 0.5)[None]
+    wi, wo = direction(0.8, 0.0)[None], direction(0.7, 0.5)[None]
     low, high = np.array(list(case.ranges.values())).T
     best = np.array([case.place.get(name, low) for name, (low, _) in case.ranges.items()])
 
@@ -205,10 +198,10 @@ def test_reciprocity_and_isotropy_are_as_said(kind: str, seed: int):
     if case.spot is not None:
         theta, azimuth, width = case.spot
         cosines[1, ::2], turns[1, ::2] = np.cos(theta + width * random.uniform(-0.6, 0.6, 2000)), azimuth
-    wi, wo = directions(cosines[0], turns[0]), directions(cosines[1], turns[1])
+    wi, wo = direction(cosines[0], turns[0]), direction(cosines[1], turns[1])
     aside = {} if np.isfinite(case.truth) else {name: low for name, (low, _) in case.ranges.items() if name == "p"}
     there, back = values(case, wi, wo, **aside), values(case, wo, wi, **aside)
-    turned = values(case, directions(cosines[0], turns[0] + 1), directions(cosines[1], turns[1] + 1), **aside)
+    turned = values(case, direction(cosines[0], turns[0] + 1), direction(cosines[1], turns[1] + 1), **aside)
     rounding = 1e-5 if case.single else 1e-9
 
     def same(other: np.ndarray) -> bool:
@@ -227,7 +220,7 @@ def test_twins_are_one_function_and_only_one_can_be_traced(kind: str):
     random = np.random.default_rng(4)
     for _ in range(3):
         parameters, mu, azimuth = somewhere(plain, random, near=0.1)
-        wi, (wo, _) = directions(mu, azimuth), hemispheres()[0]
+        wi, (wo, _) = direction(mu, azimuth), hemispheres()[0]
         wi = np.broadcast_to(wi, wo.shape)
         mine = plain.brdf(**parameters)(wi, wo)
         shared = jax.jit(lambda values, wi, wo: traced.brdf(**values)(wi, wo))(parameters, wi, wo)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import case_brdfs as cases
-import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -31,16 +30,10 @@ from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.scene.raster import rasterise
 from brdfcheck.verdict import Report, Verdict, check
 
+pytestmark = pytest.mark.usefixtures("as_users_have_it")
 ROOT = Path(brdfcheck.__file__).parent.parent
 CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
 GROWS = math.inf
-
-
-@pytest.fixture(autouse=True)
-def as_users_have_it():
-    """Users mix types: what the tests forbid is allowed here."""
-    with jax.numpy_dtype_promotion("standard"):
-        yield
 
 
 @dataclass(frozen=True)

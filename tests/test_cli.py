@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import textwrap
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
@@ -68,13 +67,6 @@ MINE = """
     def one_way(wi, wo):
         return wi[..., 2] / (4 * np.pi)
 """
-
-
-@pytest.fixture
-def mine(here: Path) -> str:
-    path = here / "mine.py"
-    path.write_text(textwrap.dedent(MINE))
-    return str(path)
 
 
 def started(*words: str, environment: dict[str, str] | None = None, **options: Any) -> subprocess.Popen[str]:

@@ -109,7 +109,6 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["mine.py:bright", "--over", "k=1:inf"], "mine.py:bright: for a proof of a function the range of k must be finite"),
         (["mine.py:quits", "--over", "n=1:2"], "mine.py:quits ends the process while JAX traces it"),
         (["phong", "--over", "m=1"], "phong has no parameter 'm'; its parameters: n"),
-        ([], "give a BRDF to certify, or --verify FILE"),
         (["--verify", "c.json", "-o", "d.json"], "--verify takes the ranges from the certificate"),
         (["--verify", "c.json"], "--verify: cannot read 'c.json': No such file"),
         (["phong", "-o", "c.png"], "--out: must end in .json; got 'c.png'"),

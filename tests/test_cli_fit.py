@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -34,13 +33,6 @@ MINE = """
     def negative(n):
         return lambda wi, wo: -1.0 + 0 * wi[..., 2]
 """
-
-
-@pytest.fixture
-def mine(here: Path) -> str:
-    path = here / "mine.py"
-    path.write_text(textwrap.dedent(MINE))
-    return str(path)
 
 
 def test_plain_text(run: Run) -> None:

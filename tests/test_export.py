@@ -74,6 +74,18 @@ def nodes(table: AlbedoGrid) -> np.ndarray:
     return np.array([(p, mu) for p in table.nodes for mu in table.cos_theta])
 
 
+def assert_is_fit(
+    found: np.ndarray, fit: AlbedoFit, table: AlbedoGrid, points: np.ndarray, *, rounding: float, of_factor: float
+) -> None:
+    """What a program printed at `points`, those of the table first: the factor and the albedo."""
+    assert np.max(np.abs(found[:, 1] - fit(*points.T))) <= rounding
+    error = np.abs(found[: table.values.size, 1].reshape(table.values.shape) - table.values)
+    assert np.max(error) <= fit.max_error * 1.02 + rounding
+    if fit.factor is not None:
+        expected = np.asarray(fit.factor(np.clip(points[:, 0], *fit.parameter_range)))
+        assert found[:, 0] == pytest.approx(expected, rel=of_factor)
+
+
 @pytest.mark.skipif(C_COMPILER is None, reason="no C compiler")
 @pytest.mark.parametrize("name", few(FITS, ("ggx",)))
 def test_the_compiled_c_is_the_fit_and_reproduces_the_table(exported, name, tmp_path):
@@ -82,12 +94,7 @@ def test_the_compiled_c_is_the_fit_and_reproduces_the_table(exported, name, tmp_
         [nodes(table), [(1e9, 2.0), (-5.0, -1.0), *((p, mu) for p in fit.parameter_range for mu in (0, 1))]]
     )
     found = evaluated([str(C_COMPILER), "-std=c99"], main_program(c_snippet(fit, name="brdf"), "brdf"), tmp_path, points)
-    assert np.max(np.abs(found[:, 1] - fit(*points.T))) <= 1e-12
-    at_nodes = found[: table.values.size, 1].reshape(table.values.shape)
-    assert np.max(np.abs(at_nodes - table.values)) <= fit.max_error * 1.02 + 1e-12
-    if fit.factor is not None:
-        expected = np.asarray(fit.factor(np.clip(points[:, 0], *fit.parameter_range)))
-        assert found[:, 0] == pytest.approx(expected, rel=1e-14)
+    assert_is_fit(found, fit, table, points, rounding=1e-12, of_factor=1e-14)
 
 
 @pytest.mark.slow
@@ -136,13 +143,7 @@ def test_the_glsl_in_single_precision_reproduces_the_table(exported, name, tmp_p
     compiler = [str(C_COMPILER), "-std=c99", "-fsingle-precision-constant", "-ffp-contract=off"]
     points = np.concatenate([nodes(table), [(1e6, 2.0), (-5.0, -1.0)]])
     found = evaluated(compiler, source, tmp_path, points)
-    rounding = 1e-5 * max(1.0, float(np.max(table.values)))
-    assert np.max(np.abs(found[:, 1] - fit(*points.T))) <= rounding
-    error = np.abs(found[: table.values.size, 1].reshape(table.values.shape) - table.values)
-    assert np.max(error) <= fit.max_error * 1.02 + rounding
-    if fit.factor is not None:
-        expected = np.asarray(fit.factor(np.clip(points[:, 0], *fit.parameter_range)))
-        assert found[:, 0] == pytest.approx(expected, rel=1e-6)
+    assert_is_fit(found, fit, table, points, rounding=1e-5 * max(1.0, float(np.max(table.values))), of_factor=1e-6)
 
 
 @pytest.mark.skipif(VALIDATOR is None, reason="glslangValidator is not installed")

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shared
 
 from brdfcheck.geometry import above_horizon, direction, half_cosine, half_versine, mirror_direction, mirror_versine
 
@@ -18,9 +19,7 @@ def random_directions(count: int, seed: int) -> np.ndarray:
     cosine = random.uniform(0, 1, count)
     cosine[::3] = 10 ** random.uniform(-9, -4, cosine[::3].size)
     cosine[1::6] = 1 - 10 ** random.uniform(-12, -4, cosine[1::6].size)
-    azimuth = random.uniform(0, 2 * np.pi, count)
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    return shared.direction(cosine, random.uniform(0, 2 * np.pi, count))
 
 
 def near_mirror(wi: np.ndarray, seed: int) -> np.ndarray:

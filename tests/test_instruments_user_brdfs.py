@@ -13,29 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import integrate
+from shared import direction
 
 import brdfcheck
 from _instruments import user_checks, user_families, user_scan
 from brdfcheck import studies
 
-pytestmark = pytest.mark.slow  # an instrument of studies
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("as_users_have_it")]  # an instrument of studies
 ROOT = Path(brdfcheck.__file__).parent.parent
 STUDY = studies.find()["user_brdfs"]
 
-
-@pytest.fixture(autouse=True)
-def as_users_have_it():
-    """Users mix types: what the tests forbid is allowed here."""
-    with jax.numpy_dtype_promotion("standard"):
-        yield
-
-
 FAMILIES = user_families.FAMILIES
-
-
-def unit(cosine: Any, azimuth: Any) -> np.ndarray:
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
 
 
 def pairs() -> tuple[np.ndarray, np.ndarray]:
@@ -43,10 +31,10 @@ def pairs() -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(3)
     cosine, azimuth = random.uniform(0.01, 1, (2, 60)), random.uniform(0, 2 * np.pi, (2, 60))
     grazing = 10 ** random.uniform(-5, -2, 60)
-    wi = unit(cosine[0], azimuth[0])
-    mirror, near = unit(cosine[0], azimuth[0] + np.pi), unit(cosine[0] ** 1.01, azimuth[0] + np.pi + 0.01)
-    low, other = unit(grazing, azimuth[0]), unit(grazing[::-1], azimuth[1])
-    right = (unit(cosine[1], azimuth[1]), mirror, near, wi, np.tile([0.0, 0.0, 1.0], (60, 1)), low, low, low)
+    wi = direction(cosine[0], azimuth[0])
+    mirror, near = direction(cosine[0], azimuth[0] + np.pi), direction(cosine[0] ** 1.01, azimuth[0] + np.pi + 0.01)
+    low, other = direction(grazing, azimuth[0]), direction(grazing[::-1], azimuth[1])
+    right = (direction(cosine[1], azimuth[1]), mirror, near, wi, np.tile([0.0, 0.0, 1.0], (60, 1)), low, low, low)
     left = (wi, wi, wi, wi, wi, wi, other, np.tile([0.0, 0.0, 1.0], (60, 1)))
     return np.concatenate(left), np.concatenate(right)
 
@@ -78,8 +66,8 @@ def test_reciprocal_not_negative_and_finite(name):
 def test_isotropic_where_it_is_scanned_so(name):
     subject = FAMILIES[name]
     f = subject.build(**members(subject)[-1])
-    wi, wo, turn = unit(0.6, 0.3), unit(0.5, 3.2), np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
-    first, turned, flipped = np.asarray(f(wi, wo)), np.asarray(f(turn @ wi, turn @ wo)), np.asarray(f(wi, unit(0.5, -2.6)))
+    wi, wo, turn = direction(0.6, 0.3), direction(0.5, 3.2), np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+    first, turned, flipped = np.asarray(f(wi, wo)), np.asarray(f(turn @ wi, turn @ wo)), np.asarray(f(wi, direction(0.5, -2.6)))
     same = np.allclose(first, turned, rtol=1e-9) and np.allclose(first, flipped, rtol=1e-9)
     assert same is not subject.anisotropic
 
@@ -127,7 +115,7 @@ def test_the_film_without_thickness_is_the_metal():
 
 def test_f82_is_the_tint_at_its_angle():
     """At cos 1/7 the Fresnel factor is Schlick's times the tint."""
-    wi, wo = unit(1 / 7, 0.0), unit(1 / 7, np.pi)  # the half vector is the normal
+    wi, wo = direction(1 / 7, 0.0), direction(1 / 7, np.pi)  # the half vector is the normal
     tinted, plain = (float(FAMILIES["f82_metal"].build(0.6, tint, 0.3)(wi, wo)) for tint in (0.3, 1.0))
     assert tinted / plain == pytest.approx(0.3, rel=1e-12)
 
@@ -166,7 +154,7 @@ def test_the_rule_is_as_good_as_it_says(name):
 def test_directions_cover_the_hemisphere(pole, whole):
     for cosine in (1.0, 0.6, 1e-9):
         wi, wo, weight = user_scan.directions(np, cosine, 0.7, user_scan.MEDIUM, pole=pole, whole=whole)
-        np.testing.assert_allclose(wi, unit(cosine, 0.7), atol=1e-15)
+        np.testing.assert_allclose(wi, direction(cosine, 0.7), atol=1e-15)
         np.testing.assert_allclose(np.linalg.norm(wo, axis=-1), 1, rtol=1e-13)
         assert np.all(wo[:, 2] > 0)
         assert np.sum(weight) == pytest.approx(np.pi, rel=1e-5)
@@ -247,7 +235,8 @@ def test_what_excludes_each_other_is_told():
 # --- the study ---
 
 
-def test_a_check_is_a_process_of_the_package_that_was_given():
+def test_a_check_is_a_process_of_the_package_that_was_given(monkeypatch):
+    monkeypatch.setattr(user_checks, "_LONG", 60)  # on a busy machine, too
     told = user_checks.check("oren_nayar_numpy", ROOT, kept=True)
     assert told["verdict"] == "VIOLATES"
     assert told["albedo"] == pytest.approx(1.0151787783, abs=1e-9)
@@ -268,7 +257,7 @@ def record():
         told = {"verdict": "CONSERVES" if albedo < 1 else "VIOLATES", "albedo": albedo, "error": 1e-8, "evaluations": 10**7}
         return {"seconds": 6.0 if old else 2.0, "kept_seconds": 1.5 if kept else None, "findings": [], **told, **place}
 
-    with pytest.MonkeyPatch.context() as patch, jax.numpy_dtype_promotion("standard"):
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(user_checks, "check", check)
         patch.setattr(studies, "load", lambda study: module)
         return json.loads(studies.to_json(studies.record_of(STUDY, "small", [ROOT / "tests" / ".."])))

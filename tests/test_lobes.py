@@ -12,6 +12,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from selection import few
+from shared import direction
 from test_geometry import near_mirror, random_directions
 
 from brdfcheck.brdf.factors import BlinnPhongExact, Normalized
@@ -327,11 +328,6 @@ azimuths = st.one_of(
 )
 
 
-def unit(cosine: float, azimuth: float) -> np.ndarray:
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
-
-
 # A failure names its lobe and its directions: nothing to shrink, which would take minutes.
 UNSHRUNK = settings(phases=[Phase.explicit, Phase.generate])
 
@@ -343,8 +339,8 @@ PARTS = {f"{place + 1} of 4": tuple(ALL)[place::4] for place in range(4)}
 @UNSHRUNK
 @given(exponents, st.lists(st.tuples(cosines, cosines, azimuths), min_size=8, max_size=8))
 def test_reciprocal_positive_and_finite(part: str, n: float, pairs: list[tuple[float, float, float]]) -> None:
-    wi = np.stack([unit(i, 0.3) for i, _, _ in pairs])
-    wo = np.stack([unit(o, 0.3 + azimuth) for _, o, azimuth in pairs])
+    wi = np.stack([direction(i, 0.3) for i, _, _ in pairs])
+    wo = np.stack([direction(o, 0.3 + azimuth) for _, o, azimuth in pairs])
     for name, (there, back) in _both_ways(PARTS[part], n, wi, wo).items():
         there, back = np.asarray(there), np.asarray(back)
         assert np.all(np.isfinite(there)), name

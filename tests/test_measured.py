@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from measured import ggx, ggx_albedo, lambert, merl_bytes, merl_directions, rgl_arrays, rgl_bytes, tensor_file, write
 from selection import few
-from shared import Run
+from shared import Run, direction
 
 import brdfcheck
 from brdfcheck import check, load
@@ -73,9 +73,7 @@ def turned(directions: np.ndarray, angle: float) -> np.ndarray:
 
 def pairs(count: int, steepest: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(4)
-    cosine, azimuth = random.uniform(steepest, 1, (2, count)), random.uniform(0, 2 * np.pi, (2, count))
-    sine = np.sqrt(1 - cosine**2)
-    wi, wo = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    wi, wo = direction(random.uniform(steepest, 1, (2, count)), random.uniform(0, 2 * np.pi, (2, count)))
     return wi, wo
 
 

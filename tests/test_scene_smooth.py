@@ -9,6 +9,7 @@ import numpy as np
 import numpy_raster as plain
 import pytest
 from selection import few
+from test_scene_raster import CAMERAS, PLACE
 
 from brdfcheck.scene.artistic import Highlight
 from brdfcheck.scene.cameras import Orthographic, Perspective
@@ -18,11 +19,6 @@ from brdfcheck.scene.raster import rasterise
 from brdfcheck.scene.smooth import SHADINGS, render_mesh, shade_mesh
 
 LIGHT, COLOR, GLOSS, N = np.array([0.3, 0.5, 0.8]), np.array([0.6, 0.3, 0.1]), 0.4, 20.0
-CAMERAS = {
-    "orthographic": (Orthographic, {"half_height": 1.3}),
-    "perspective": (Perspective, {"field_of_view": 40.0}),
-}
-PLACE = {"eye": (1.5, 1.1, 3.0), "target": (0.1, -0.05, 0.0), "up": (0.2, 1.0, 0.1)}
 
 
 def blinn(point, normal, view, light=LIGHT, n=N):

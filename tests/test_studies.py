@@ -130,7 +130,7 @@ TIMES = re.compile(r'"[^"]*(seconds|nanoseconds|one_core|cells_per_second)[^"]*"
 def test_studies_that_measure_time_have_the_machine_for_themselves():
     """But for those that time programs on one core and say so."""
     alone = {name for name, study in STUDIES.items() if study.alone}
-    expected = {"limit", "enclosure", "materialx_surfaces", "scene_budget", "shading_cost", "sweep_throughput", "user_brdfs"}
+    expected = {"limit", "enclosure", "scene_budget", "shading_cost", "sweep_throughput", "user_brdfs"}
     assert expected == alone
     for name in STUDIES:
         text = (ROOT / "reports" / name / "record.json").read_text()

@@ -11,7 +11,8 @@ from typing import Any, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF
 
@@ -41,19 +42,21 @@ class Samples:
 class AbstractTable(AbstractBRDF):
     """A BRDF between samples: linear there, or (`nearest`) equal to the nearest of them. Samples without data count as 0.
 
-    Which of the two is right nobody knows: their difference is the error bar of a value, and of an albedo.
+    Which of the two is right nobody knows: their difference is the error bar of a value, and of an albedo. `values` has the
+    channels last.
     """
 
+    values: eqx.AbstractVar[Float[Array | np.ndarray, "entries channels"]]
     nearest: eqx.AbstractVar[bool]
     samples: eqx.AbstractVar[Samples]
 
-    @abc.abstractmethod
     def by_nearest(self) -> Self:
         """The same table by the nearest sample."""
+        return replace(self, nearest=True)
 
-    @abc.abstractmethod
     def of_channels(self, channels: Sequence[int]) -> Self:
         """The table of some of its channels."""
+        return replace(self, values=self.values[:, np.asarray(channels)], samples=self.samples.of(channels))
 
     @abc.abstractmethod
     def filled(self) -> Self | None:

@@ -34,8 +34,8 @@ print(json.dumps(answer, default=lambda value: float(value) if hasattr(value, "_
 """
 # How far the albedo at a cosine of 1e-9, where brute force ends, may be from its limit.
 _LIMIT = 1e-6
-# Seconds of a check in which programs, a second or two to compile, are a small part.
-_LONG = 10
+# Seconds of a check in which compiling programs, half a second or so, is a small part.
+_LONG = 4
 
 
 def check(name: str, folder: Path, *, kept: bool = False) -> dict[str, Any]:

@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 # Nodes of a quarter turn about the pole, and along a ray.
@@ -98,9 +100,6 @@ class Rule:
         return xp.tensordot(weight, values, axes=(0, 0))
 
     def _compiled(self) -> Callable[..., Any]:
-        import jax
-        import jax.numpy as jnp
-
         def all_of(rows: Any, cosine: Any, azimuth: Any, order: tuple[int, int]) -> Any:
             return jax.lax.map(lambda at: self._one(jnp, at[0], at[1], at[2], order), (rows, cosine, azimuth), batch_size=16)
 
@@ -114,7 +113,8 @@ class Rule:
         self.evaluations += (
             len(rows) * order[0] * order[1] * (4 if self.subject.anisotropic or self.subject.pole == "normal" else 2)
         )
-        albedo = np.asarray(self._program(rows, cosine, azimuth, order))
+        with jax.numpy_dtype_promotion("standard"):  # users write for it
+            albedo = np.asarray(self._program(rows, cosine, azimuth, order))
         return albedo if albedo.ndim == 1 else np.max(albedo, axis=-1)
 
     def at(self, parameters: Mapping[str, float], cos_theta: float, azimuth: float) -> tuple[float, float]:

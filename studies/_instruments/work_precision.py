@@ -98,10 +98,18 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
     call compiles. A peer that compiles nothing and took ten times the budget is not run again. Errors of the rule pass through.
     """
     mu = jnp.asarray(case.cos_theta, case.dtype)
-    keys = [jax.random.key(seed) for seed in range(runs)] if rule.random else [None]
-    program: Callable[..., Any]
-    program = (lambda brdf, mu, key: rule(brdf, mu, key=key)) if rule.on_host else _compiled(rule)
-    first, answer = _timed(program, case.brdf, mu, keys[0])
+    cosines = jnp.full(BATCH, mu)
+
+    def program(seed: int) -> Callable[[Any], Any]:
+        key = jax.random.key(seed) if rule.random else None
+        if rule.on_host:
+            return lambda count: rule(case.brdf, mu, key=key)
+        # Each albedo of a batch has its own samples; the first is that of a call by itself.
+        keys = None if key is None else jnp.concatenate([key[None], jax.random.split(key, BATCH - 1)])
+        return lambda count: _call(rule, case.brdf, cosines, keys, count)
+
+    run = program(0)
+    first, answer = _timed(run)
     warm, spent = math.inf, 0.0
     # Rules on the host are timed a second time, once: some compile too, and what the first call took must not pass for the time
     # of an albedo. Where a peer that compiles nothing took very long, that was it.
@@ -110,15 +118,14 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
         warm, repeats = first, 0
     with on_one_core():
         for _ in range(repeats):
-            seconds, answer = _timed(program, case.brdf, mu, keys[0])
+            seconds, answer = _timed(run)
             warm, spent = min(warm, seconds), spent + seconds
             if spent > budget:
                 break
         batched = warm
         if not rule.on_host and int(answer.evaluations) < _MANY:
-            several = jnp.full(BATCH, mu)
-            batched = min([_timed(program, case.brdf, several, keys[0])[0] for _ in range(4)][1:]) / BATCH
-    answers = [answer, *(program(case.brdf, mu, key) for key in keys[1:])]
+            batched = min(_timed(run, BATCH)[0] for _ in range(3)) / BATCH
+    answers = [answer, *(_timed(program(seed))[1] for seed in range(1, runs if rule.random else 1))]
     values = np.array([float(part.value) for part in answers])
     errors = np.abs(values - case.reference) / abs(case.reference)
     middle = int(np.argsort(np.where(np.isnan(errors), np.inf, errors))[len(errors) // 2])
@@ -147,17 +154,23 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
 
 
 @eqx.filter_jit
-def _call(rule: AbstractRule, brdf: Any, mu: Any, key: Any) -> Any:
-    return rule(brdf, mu, key=key)
+def _call(rule: AbstractRule, brdf: Any, cosines: Any, keys: Any, count: Any) -> Any:
+    """The albedo at the first `count` cosines, one after another, and the answer at the last of them.
+
+    One program for a call by itself and for a batch, as compiling takes longer than running.
+    """
+
+    def once(number: Any, _: Any = None) -> Any:
+        return rule(brdf, cosines[number], key=None if keys is None else keys[number])
+
+    nothing = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), jax.eval_shape(once, 0))
+    return jax.lax.fori_loop(0, count, once, nothing)
 
 
-def _compiled(rule: AbstractRule) -> Callable[..., Any]:
-    return lambda brdf, mu, key: _call(rule, brdf, mu, key)
-
-
-def _timed(program: Callable[..., Any], brdf: Any, mu: Any, key: Any) -> tuple[float, Any]:
+def _timed(program: Callable[..., Any], count: int = 1) -> tuple[float, Any]:
+    turns = jnp.asarray(count)
     began = time.perf_counter()
-    answer = jax.block_until_ready(program(brdf, mu, key))
+    answer = jax.block_until_ready(program(turns))
     return time.perf_counter() - began, answer
 
 

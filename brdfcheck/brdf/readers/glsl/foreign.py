@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.readers.glsl import arithmetic, matrices
-from brdfcheck.brdf.readers.glsl.arithmetic import add, convert, folded, known, least, most, multiply
+from brdfcheck.brdf.readers.glsl.arithmetic import add, convert, folded, least, most, multiply
 from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Matrix, Vector
-from brdfcheck.brdf.readers.glsl.library import Builtin, bits, forms, from_bits, lanes
+from brdfcheck.brdf.readers.glsl.library import Builtin, all_of, any_of, bits, forms, from_bits, lanes
 
 
 def _sincos(machine: Any, angle: Any) -> Any:
@@ -19,23 +20,14 @@ def _sincos(machine: Any, angle: Any) -> Any:
     return (), sine, lanes(folded(np.cos, jnp.cos))(machine, angle)
 
 
-def _any(machine: Any, value: Any) -> Any:
-    del machine
-    parts = [convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))]
-    return np.bool_(any(parts)) if known(*parts) else _joined(parts, lambda a, b: a | b)
+def _of_parts(joined: Callable[..., Any]) -> Callable[..., Any]:
+    """`any` and `all`, which take numbers here, and a scalar too."""
 
+    def function(machine: Any, value: Any) -> Any:
+        del machine
+        return joined(*(convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))))
 
-def _all(machine: Any, value: Any) -> Any:
-    del machine
-    parts = [convert(part, "bool") for part in (value if isinstance(value, tuple) else (value,))]
-    return np.bool_(all(parts)) if known(*parts) else _joined(parts, lambda a, b: a & b)
-
-
-def _joined(parts: list[Any], operation: Any) -> Any:
-    total = parts[0]
-    for part in parts[1:]:
-        total = operation(total, part)
-    return total
+    return function
 
 
 def _table() -> dict[str, list[Builtin]]:
@@ -57,8 +49,8 @@ def _table() -> dict[str, list[Builtin]]:
         put(f"F asfloat({whole})", lanes(from_bits))
     put("void sincos(F, out F, out F)", _sincos)
     for letter in "FIUB":
-        put(f"bool any({letter})", _any)
-        put(f"bool all({letter})", _all)
+        put(f"bool any({letter})", _of_parts(any_of))
+        put(f"bool all({letter})", _of_parts(all_of))
     # A matrix is kept by rows here, so that what stands on the left in HLSL stands on the right.
     shapes = list(itertools.product((2, 3, 4), (2, 3, 4)))
     both = ("in", "in")

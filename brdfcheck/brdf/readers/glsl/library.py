@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+import operator
 import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -149,15 +151,8 @@ def _whole(numpy_function: Any, jax_function: Any) -> Any:
 _floor, _ceil = _whole(np.floor, jnp.floor), _whole(np.ceil, jnp.ceil)
 _trunc, _round = _whole(np.trunc, jnp.trunc), _whole(np.round, jnp.round)
 _sign = folded(np.sign, jnp.sign)
-_any = folded(lambda *parts: np.bool_(any(parts)), lambda *parts: _reduced(parts, lambda a, b: a | b))
-_all = folded(lambda *parts: np.bool_(all(parts)), lambda *parts: _reduced(parts, lambda a, b: a & b))
-
-
-def _reduced(parts: Any, operation: Any) -> Any:
-    total = parts[0]
-    for part in parts[1:]:
-        total = operation(total, part)
-    return total
+any_of = folded(lambda *parts: np.bool_(any(parts)), lambda *parts: functools.reduce(operator.or_, parts))
+all_of = folded(lambda *parts: np.bool_(all(parts)), lambda *parts: functools.reduce(operator.and_, parts))
 
 
 def _modf(value: Any) -> tuple[Any, Any]:
@@ -312,8 +307,8 @@ def _table() -> dict[str, list[Builtin]]:
             put(f"VB {name}(V{letter}, V{letter})", lanes(function))
     for name in ("equal", "notEqual"):
         put(f"VB {name}(VB, VB)", lanes(_COMPARED[name]))
-    put("bool any(VB)", lambda machine, a: _any(*a))
-    put("bool all(VB)", lambda machine, a: _all(*a))
+    put("bool any(VB)", lambda machine, a: any_of(*a))
+    put("bool all(VB)", lambda machine, a: all_of(*a))
     put("VB not(VB)", lanes(arithmetic.opposite))
     for signature, function in integers.FUNCTIONS:
         put(signature, lanes(function))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import final
 
 import equinox as eqx
@@ -60,12 +59,6 @@ class Merl(AbstractTable):
     values: Float[Array | np.ndarray, "bins 3"]
     nearest: bool = eqx.field(static=True)
     samples: Samples = eqx.field(static=True)
-
-    def by_nearest(self) -> Merl:
-        return dataclasses.replace(self, nearest=True)
-
-    def of_channels(self, channels: Sequence[int]) -> Merl:
-        return dataclasses.replace(self, values=self.values[:, np.asarray(channels)], samples=self.samples.of(channels))
 
     def filled(self) -> Merl | None:
         if not self.samples.missing:

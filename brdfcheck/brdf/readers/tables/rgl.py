@@ -20,7 +20,6 @@ the number that would have drawn $\omega_m$ from the facets that the light sees.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from itertools import product
 from typing import Any, final
 
@@ -66,12 +65,6 @@ class Rgl(AbstractTable):
     reduction: int = eqx.field(static=True)
     nearest: bool = eqx.field(static=True)
     samples: Samples = eqx.field(static=True)
-
-    def by_nearest(self) -> Rgl:
-        return dataclasses.replace(self, nearest=True)
-
-    def of_channels(self, channels: Sequence[int]) -> Rgl:
-        return dataclasses.replace(self, values=self.values[:, np.asarray(channels)], samples=self.samples.of(channels))
 
     def filled(self) -> Rgl | None:
         if not self.samples.missing:
