@@ -24,7 +24,7 @@ import numpy as np
 
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.runtime import keep_freed_memory
-from brdfcheck.verdict.climb import Climbs, climb
+from brdfcheck.verdict.climb import CREST, Climbs, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
 from brdfcheck.verdict.scan import Points, Scan
@@ -101,17 +101,18 @@ def supremum(
     intervals: bool = True,
     rtol: float | None = None,
     effort: str = "normal",
+    axial: bool = False,
     watch: Watch | None = None,
 ) -> Supremum:
     """The largest albedo of the family behind `albedo` over its box of parameters, cosines and azimuths.
 
     `intervals`: for a family of one parameter whose albedo exceeds `threshold`, also find where it does. `rtol`: the accuracy
     of the confirmed albedos, by default the best. `effort`: one of `EFFORTS`, how many points are scanned, as far as that is
-    `affordable`. A value that is not a number is returned as such where nothing else was found. Raises Finding where a user's
-    BRDF fails.
+    `affordable`. `axial`: all kinks are known to run along the axes, as those of look-ups do. A value that is not a number is
+    returned as such where nothing else was found. Raises Finding where a user's BRDF fails.
     """
     keep_freed_memory()
-    search = _Search(albedo, threshold, rtol, effort, watch or (lambda points, best: None))
+    search = _Search(albedo, threshold, rtol, effort, axial, watch or (lambda points, best: None))
     with np.errstate(all="ignore"):
         found = search.run()
     box = search.surface.box
@@ -125,7 +126,9 @@ def supremum(
 class _Search:
     """One search: its surface, what it has scanned, and what it has confirmed."""
 
-    def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, watch: Watch):
+    def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, axial: bool, watch: Watch):
+        # What a climb allows for where a kink may run across the axes.
+        self.crest = 0.0 if axial else CREST
         self.bounded = albedo.bounded and threshold >= 1
         self.costly = albedo.family.surface is not None
         # Where the verdict is a theorem's, only the value is left to look for.
@@ -212,6 +215,7 @@ class _Search:
                 rounds=40 if last else 24,
                 smallest=surface.step(1e-12 if surface.fast and last else 1e-8 if last else 1e-4),
                 drop=1e-2 if level else 5e-2,
+                crest=self.crest,
                 check=self.tell,
             )
             self.confirm.poles(ends, level)
