@@ -172,7 +172,7 @@ def test_the_header_says_where_it_comes_from(exported):
     text = c_snippet(fit, command="brdfcheck fit lyon-1-mirror --export c out.h")
     comment = " ".join(line.removeprefix("//").strip() for line in text.splitlines() if line.startswith("//"))
     for words in (
-        "lyon-1-mirror", "max(0, 1 - n |R-V|^2/4)^2", "mirror form", "n in [1, 1000]", "cos_theta in [0, 1]", "Never clamped",
+        "lyon-1-mirror", "max(0, 1 - n |R-V|^2/4)^2", "mirror form", "n in [1, 1000]", "cos_theta in [0, 1]", "Within [0, 1]",
         "wi fixed", "with its factor (n + 0.8831) / 4.537", f"{fit.max_error:.3g}", "brdfcheck 0.",
         "brdfcheck fit lyon-1-mirror --export c out.h", "no pole", f"{fit.coefficients} coefficients",
     ):  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from _instruments import published
+from brdfcheck import GGX, albedo
 from brdfcheck.messages import UsageError
 
 
@@ -29,6 +30,18 @@ def test_a_table_is_read_however_it_lies(tmp_path: Path) -> None:
     found = published.of_file(f"{tmp_path}/E.npy")
     assert (found["off"], round(found["largest"], 9)) == ([1, 1, 1, 0], 0.02)
     assert (found["roughness"], found["cos_theta"]) == (5.5 / 8, 5.5 / 8)
+
+
+@pytest.mark.slow  # an instrument of studies
+def test_filaments_method_converges_and_its_rows_lie_a_texel_off() -> None:
+    mu = np.array([0.1, 0.9])
+    exact = np.array([float(albedo(GGX(0.5), cosine).value) for cosine in mu])
+    few, many = (np.abs(published._by_half_vectors(0.5, mu, count) - exact) for count in (2**7, 2**14))
+    assert np.all(many < 1e-4)
+    assert np.max(few) > 10 * np.max(many)
+    own, texels = published.sampled(16, 4096)
+    assert own["largest"] < 0.01
+    assert texels["largest"] > 5 * own["largest"]
 
 
 @pytest.mark.parametrize(

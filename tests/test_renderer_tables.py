@@ -10,6 +10,7 @@ import struct
 from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import measured
 import numpy as np
 import pytest
@@ -18,11 +19,12 @@ from shared import Run, compiled
 from brdfcheck import GGX, CookTorrance, albedo
 from brdfcheck.cli import ExitCode
 from brdfcheck.fits.compact import CompactFits, compact_fits
-from brdfcheck.fits.compensation import averages, checked, compensation
+from brdfcheck.fits.compensated import TOLERANCE, checked
+from brdfcheck.fits.compensation import Compensation, averages, compensation, looked_up
 from brdfcheck.fits.renderer import RendererTable, average_albedo, renderer_table
 from brdfcheck.messages import UsageError
 from brdfcheck.output.renderer_files import KINDS, quantities, renderer_metadata, write_renderer_table
-from brdfcheck.output.source import renderer_snippet
+from brdfcheck.output.source import glsl_snippet, read_back, renderer_snippet
 from brdfcheck.verdict import Verdict
 
 CPP = shutil.which("c++") or shutil.which("g++")
@@ -49,6 +51,9 @@ def bright(wi, wo, k):
 
 def grey(wi, wo):
     return 0.3 / jnp.pi + 0 * wi[..., 2]
+
+def narrow(wi, wo, k):
+    return (0.5 + 0.6 * jnp.exp(-(((k - 0.5031) / 0.01) ** 2))) / jnp.pi + 0 * wi[..., 2]
 """
 SHADER = """
 uniform float k = 0.5;
@@ -63,8 +68,13 @@ def table() -> RendererTable:
 
 
 @pytest.fixture(scope="module")
-def fits(table: RendererTable) -> CompactFits:
-    return compact_fits(table, degree=(3, 2))  # a small one: what is tested is the text and what it says of itself
+def added(table: RendererTable) -> Compensation:
+    return compensation(table)
+
+
+@pytest.fixture(scope="module")
+def fits(table: RendererTable, added: Compensation) -> CompactFits:
+    return compact_fits(table, (3, 2), added)  # a small one: what is tested is the text and what it says of itself
 
 
 @pytest.fixture
@@ -229,25 +239,63 @@ def test_the_average_of_what_is_looked_up():
         assert value == pytest.approx(np.mean(2 * x * np.interp(x, mu, row)), abs=1e-9)
 
 
-def test_the_compensated_albedo_is_1_less_what_the_look_up_is_above(table):
-    """The function integrated, against 1 + E - E looked up; and the table of E as it is exceeds 1."""
-    found = compensation(table)
-    assert 0.001 < found.excess < 0.3
-    assert 0 <= found.loss < 0.3
-    assert found.points == (13, 11)
-    assert np.all(found.energy >= table.grid.values)
+def test_the_compensated_albedo_is_1_less_what_the_look_up_is_above(table, added):
+    """A function of two directions integrated, against 1 + E - E looked up; and the table of E as it is exceeds 1."""
+    assert 0.001 < added.excess < 0.3
+    assert 0 <= added.loss < 0.3
+    assert np.all(added.energy >= table.grid.values)
+    for part in (added.energy, added.average):
+        assert np.array_equal(part, part.astype(np.float32))  # what files hold is what was searched
     mu, roughness = np.array([0.8]), float(table.grid.nodes[3])
-    value = albedo(found.family.build(roughness=roughness), mu, rtol=1e-6)
-    own = albedo(GGX(roughness**2), mu).value
-    expected = 1 + own - np.interp(mu, table.grid.cos_theta, found.energy[3])
+    row, mean = jnp.asarray(added.energy[3]), float(added.average[3])
+    lobe = GGX(roughness**2)
+
+    def both(wi, wo):
+        lost = [1 - jnp.interp(w[..., 2], table.grid.cos_theta, row) for w in (wi, wo)]
+        return lobe(wi, wo) + jnp.where((wi[..., 2] > 0) & (wo[..., 2] > 0), lost[0] * lost[1] / (jnp.pi * (1 - mean)), 0)
+
+    value = albedo(both, mu, rtol=1e-6)
+    own = np.asarray(albedo(lobe, mu).value)
+    expected = 1 + own - np.interp(mu, table.grid.cos_theta, added.energy[3])
     assert np.all(np.abs(value.value - expected) <= 2e-6)
+    assert own + added(np.array([roughness]), mu) == pytest.approx(expected, abs=1e-6)
     assert np.all(expected < 1)
-    # Between the nodes of both axes nothing exceeds 1, at places that were not looked at.
-    for number in np.linspace(*table.sources.family.ranges["roughness"], 7):
+    # Between the nodes of both axes nothing exceeds 1, at places that were not looked at; below the first node neither.
+    for number in np.linspace(*added.family.ranges["roughness"], 7):
         angles = np.linspace(0.01, 1, 23)
-        row = [np.interp(number, table.grid.nodes, column) for column in found.energy.T]
-        total = 1 + np.asarray(albedo(GGX(number**2), angles).value) - np.interp(angles, table.grid.cos_theta, row)
-        assert np.max(total) <= 1 + 1e-9
+        total = np.asarray(albedo(GGX(number**2), angles).value) + added(np.full(23, number), angles)
+        assert np.max(total) <= 1 + 1e-7
+
+
+def test_looking_up_is_linear_between_nodes_and_level_beyond():
+    nodes, mu, values = np.array([1.0, 2.0, 4.0]), np.array([0.25, 0.75]), np.arange(6.0).reshape(3, 2)
+    at = np.array([[0.0, 0.0], [1.5, 0.5], [3.0, 0.75], [9.0, 1.0], [2.0, 0.25]])
+    assert looked_up(nodes, mu, values, *at.T).tolist() == [0.0, 1.5, 4.0, 5.0, 2.0]
+    assert looked_up(np.array([0.0]), mu, values[:1], np.zeros(2), np.array([0.5, 0.0])).tolist() == [0.5, 0.0]
+
+
+# Tables that exceeded 1 between their nodes, by up to 0.02: the largest value in a cell is not in its middle, nodes cannot be
+# raised above 1, and below the first node look-ups are level.
+CONSERVING = [
+    ("ggx", (0.1, 1.0), (6, 5), "centres"),
+    ("blinn-phong-6", (1.0, 100.0), (6, 5), "ends"),
+    pytest.param("ggx", (0.1, 1.0), (6, 5), "ends", marks=pytest.mark.slow),
+    pytest.param("ggx", (0.0, 1.0), (13, 40), "centres", marks=pytest.mark.slow),
+    pytest.param("cook-torrance", (0.1, 1.0), (16, 16), "ends", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("name", "bounds", "size", "placement"), CONSERVING)
+def test_the_search_finds_no_albedo_above_1_and_is_sure_of_it(name, bounds, size, placement):
+    parameter = {"ggx": "roughness", "cook-torrance": "m", "blinn-phong-6": "n"}[name]
+    found = compensation(renderer_table(name, {parameter: bounds}, size=size, placement=placement))
+    report = checked(found.family, found)
+    assert report.verdict is Verdict.CONSERVES
+    assert report.albedo == pytest.approx(1, abs=1e-6)
+    assert report.error < 1e-6
+    assert report.tolerance == TOLERANCE
+    assert found.family.ranges[parameter][1] == bounds[1]
+    assert found.family.ranges[parameter][0] <= max(bounds[0], 0.01)
 
 
 @pytest.mark.slow
@@ -263,23 +311,73 @@ def test_where_nothing_is_lost_the_compensation_is_a_number_in_single_precision(
 
 
 def test_above_1_there_is_nothing_to_compensate(mine):
-    with pytest.raises(UsageError, match=r"albedo is 1.08333 at k=1.08333, .*above 1"):
+    with pytest.raises(UsageError, match=r"albedo is 1.2 at k=1.2, .*above 1"):
         compensation(renderer_table("mine.py:bright", {"k": (0.5, 1.2)}, size=(3, 3)))
 
 
-@pytest.mark.slow
-def test_check_of_the_compensated_brdf_and_of_one_with_the_table_of_E(table):
-    found = compensation(table)
-    report = checked(found)
-    assert report.verdict is not Verdict.VIOLATES
-    assert report.albedo + report.error < 1.004
-    from brdfcheck.fits.compensation import _compensated
+def test_a_violation_between_the_nodes_is_found():
+    """blinn-phong-8 exceeds 1 at n = 8.76; none of the nodes does."""
+    found = renderer_table("blinn-phong-8", {"n": (1.0, 100.0)}, size=(8, 8))
+    assert np.max(found.grid.values) < 0.99
+    with pytest.raises(UsageError, match=r"albedo is 1.0752 at n=8.76\d*, cos_theta=1: above 1"):
+        compensation(found)
 
-    energy = np.minimum(table.grid.values, 1)
-    plain = replace(found, family=_compensated(table, energy, averages(table.grid.cos_theta, energy)))
-    report = checked(plain)
+
+@pytest.mark.slow
+def test_a_violation_in_a_hundredth_of_the_range_of_a_function_is_found(mine):
+    with pytest.raises(UsageError, match=r"albedo is 1\.1 at k=0\.5031"):
+        compensation(renderer_table("mine.py:narrow", {"k": (0.0, 1.0)}, size=(4, 4)))
+
+
+def test_check_of_the_table_of_E_itself(table, added):
+    plain = np.minimum(table.grid.values, 1)
+    mean = averages(table.grid.cos_theta, plain)
+    report = checked(added.family, replace(added, energy=plain, average=mean, returned=mean))
     assert report.verdict is Verdict.VIOLATES
     assert report.albedo > 1.1
+
+
+@pytest.mark.slow
+def test_a_function_with_its_compensation(mine):
+    """Of a function neither look-ups nor the written functions exceed 1."""
+    found = renderer_table("mine.py:facets", {"roughness": (0.5, 1.0)}, size=(3, 3))
+    added = compensation(found)
+    assert checked(added.family, added).verdict is Verdict.CONSERVES
+    text = renderer_snippet("glsl", compact_fits(found, (3, 2), added), "mine")
+    assert checked(added.family, read_back(text, "mine", "roughness")).verdict is Verdict.CONSERVES
+
+
+def test_the_written_functions_conserve(table, added, fits):
+    """As their text is read; without what the albedo is raised by, they exceed 1."""
+    text = renderer_snippet("glsl", fits, "ggx")
+    written = read_back(text, "ggx", "roughness")
+    at = np.random.default_rng(3).random((50, 2))
+    assert written(*at.T) == pytest.approx(fits.compensation(*at.T), abs=1e-6)
+    report = checked(added.family, written)
+    assert report.verdict is Verdict.CONSERVES
+    assert report.error < 1e-6
+    assert "the albedo of the sum is at most 1" in " ".join(text.lower().replace("//", " ").split())
+    bare = replace(fits, compensation=replace(fits.compensation, raised=0.0, margin=0.0))
+    report = checked(added.family, read_back(renderer_snippet("glsl", bare, "ggx"), "ggx", "roughness"))
+    assert report.verdict is Verdict.VIOLATES
+    assert report.albedo > 1.001
+    assert 0 < fits.compensation.loss < 0.3
+
+
+def test_what_is_written_stays_between_0_and_1_where_all_albedos_do(fits):
+    p, mu = np.meshgrid(np.linspace(0, 1, 65), np.linspace(0, 1, 65))
+    assert fits.albedo.clamped
+    assert fits.share.clamped
+    assert np.min(fits.share(p, mu)) == 0 > np.min(replace(fits.share, clamped=False)(p, mu))
+    surface = replace(fits.albedo.surface, numerator=1.01 * fits.albedo.surface.numerator)
+    high = replace(fits.albedo, surface=surface)
+    assert np.max(high(p, mu)) == 1 < np.max(replace(high, clamped=False)(p, mu))
+    text = glsl_snippet(high)
+    assert "return clamp(value, 0.0, 1.0);" in text
+    assert "Within [0, 1]" in text
+    assert "clamp(value" not in glsl_snippet(replace(high, clamped=False))
+    violating = renderer_table("blinn-phong-8", {"n": (8.0, 10.0)}, size=(2, 2))
+    assert not compact_fits(violating, (2, 1)).albedo.clamped
 
 
 # --- files ---
@@ -327,8 +425,7 @@ def read_dds(path: Path) -> np.ndarray:
     return np.frombuffer(data, "<f4", offset=148).reshape(height, width, 2)
 
 
-def test_every_file_reads_back(table, tmp_path):
-    added = compensation(table)
+def test_every_file_reads_back(table, added, tmp_path):
     parts = quantities(table, added)
     assert list(parts) == [
         "E", "error.E", "average", "error.average", "scale", "error.scale", "bias", "error.bias",
@@ -354,7 +451,7 @@ def test_every_file_reads_back(table, tmp_path):
     assert beside["resampling"] == "centres"
     assert beside["range_0"] == [0, 1]
     assert beside["parameter"] == "alpha = roughness^2"
-    assert beside["compensation"]["measured_on"] == [13, 11]
+    assert beside["compensation"]["measured_on"] == [15, 13]
     assert "alpha" in metadata["formula"] or "D G" in metadata["formula"]
     write_renderer_table(tmp_path / "a.dds", table, "dds", added, texture="compensation")
     assert np.array_equal(read_dds(tmp_path / "a.dds")[..., 0], added.energy.astype(np.float32))
@@ -427,7 +524,7 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     if kind != "h":
         pair = "vec2 pair = ggx_dfg(p, mu); double s = pair.x, b = pair.y;"
         text = SHIM + re.sub(r"^(float2?|vec2) ", r"static \1 ", text, flags=re.M)
-    more = "ggx_compensation(0.5, 0.25, 0.75)"
+    more = "ggx_compensation(p, mu, 0.25)"
     numbers = f"(double)ggx_albedo(p, mu), (double)ggx_average(p), s, b, (double){more}"
     values = f'{pair} std::printf("%.17g %.17g %.17g %.17g %.17g\\n", {numbers});'
     points = points_of(table)
@@ -435,7 +532,12 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     rounding = 1e-12 if kind == "h" else 3e-5
     assert np.max(np.abs(albedo_ - fits.albedo(*points.T))) <= rounding
     assert np.max(np.abs(average - fits.average(points[:, 0]))) <= rounding
-    assert extra == pytest.approx(0.5 * 0.75 / (np.pi * 0.25), rel=1e-6)
+    made = fits.compensation
+    lost = [np.maximum(1 - made.raised - fits.albedo(points[:, 0], part), 0) for part in (points[:, 1], 0.25)]
+    divisor = np.clip(made.lost(points[:, 0]) + made.margin, 1e-6, 1)
+    expected = np.where(points[:, 0] < fits.albedo.parameter_range[0], 0, lost[0] * lost[1] / (np.pi * divisor))
+    assert np.max(np.abs(extra - expected)) <= 30 * rounding
+    assert np.all(extra >= 0)
     cells = table.grid.values.size
     own = [part.ravel() for part in (table.grid.values, table.scale[0], table.bias[0])]
     errors = [np.max(np.abs(part[:cells] - exact)) for part, exact in zip((albedo_, scale, bias), own, strict=True)]
@@ -443,14 +545,6 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     assert max(errors[1:]) <= fits.split_sum_error + rounding
     assert fits.albedo.max_error < 0.02
     assert fits.split_sum_error < 0.05
-    # Where fits are above 1 nothing is lost, and nothing is added: no negative light, and no division by nothing.
-    none = program(
-        text, 'std::printf("%.17g %.17g\\n", (double)ggx_compensation(p, 0.5, 0.75), (double)ggx_compensation(0.5, mu, p));'
-    )
-    ends = np.array([[1 + 1e-3, 0.5], [1.0, 1.0]])
-    added = computed(tmp_path, none, ends)
-    assert np.all(added[:, 0] == 0)
-    assert np.all((added[:, 1] >= 0) & (added[:, 1] <= 0.25 / np.pi / fits.average.max_error * 1.01))
     p = np.linspace(*fits.average.bounds, 50)
     assert np.max(np.abs(fits.average(p) - average_albedo(table.sources.family, p)[0])) <= 1.02 * fits.average.max_error
 
@@ -473,6 +567,31 @@ def test_the_command(run: Run, mine: Path) -> None:
     before = (mine / "E.npy").read_bytes()
     assert run(*made.split()[1:])[0] == ExitCode.PASSED
     assert (mine / "E.npy").read_bytes() == before
+
+
+def test_the_recorded_command_makes_the_same_files(run: Run, mine: Path) -> None:
+    words = ("table", "ggx", "--over", "roughness=0.3:1", "--size", "3x4", "--compensation", "--check", "-o", "E.npy")
+    code, out, err = run(*words, "--json", "table.json")
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert re.search(r"^  check        look-ups: CONSERVES, largest albedo 1\.0+ \+- \S+ at .*, tolerance 1e-5$", out, re.M)
+    record = json.loads((mine / "E.npy.json").read_text())
+    assert "CONSERVES" in record["compensation"]["check"]["look-ups"]
+    assert json.loads((mine / "table.json").read_text())["results"][0]["check"]["look-ups"]["verdict"] == "CONSERVES"
+    before = [(mine / name).read_bytes() for name in ("E.npy", "E.npy.json")]
+    assert run(*record["command"].split()[1:])[0] == ExitCode.PASSED
+    assert [(mine / name).read_bytes() for name in ("E.npy", "E.npy.json")] == before
+
+
+def test_what_check_refutes_is_not_written(run: Run, mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("brdfcheck.fits.compensation.raised", lambda nodes, cosines, table, known: np.minimum(table, 1))
+    words = ("table", "ggx", "--over", "roughness=0.3:1", "--size", "3x4", "--compensation", "-o", "E.npy")
+    code, out, _ = run(*words, "--check", "--json", "table.json")
+    assert code == ExitCode.FAILED
+    assert "look-ups: VIOLATES" in out
+    assert out.endswith("  not written  E.npy\n")
+    assert not (mine / "E.npy").exists()
+    assert not (mine / "E.npy.json").exists()
+    assert json.loads((mine / "table.json").read_text())["results"][0]["files"] == []
 
 
 REFUSED = {

@@ -56,10 +56,11 @@ The roughness of a BRDF that has an alpha or m instead is its square root.
 
 \b
 Exit codes:
-  0  written                                 3  internal error
-  1  check refutes the compensated BRDF,     4  usage error
-     or the BRDF cannot be evaluated
-  2  interrupted""",
+  0  written                                 2  interrupted
+  1  --check does not say CONSERVES          3  internal error
+     (if it says VIOLATES nothing is         4  usage error; or there is
+     written), or the BRDF cannot be            nothing to compensate, for
+     evaluated                                  the albedo exceeds 1""",
 )
 def _table(
     name: Annotated[
@@ -94,7 +95,8 @@ def _table(
         bool, typer.Option("--compensation", help="Also the table of the multiple-scattering compensation of Kulla and Conty.")
     ] = False,
     verify: Annotated[
-        bool, typer.Option("--check", help="Put the compensated BRDF through check, from cos theta 0.01 on.")
+        bool,
+        typer.Option("--check", help="Search the BRDF with its compensation, as it is written, for an albedo above 1 + 1e-5."),
     ] = False,
     cos_theta: CosTheta = None,
     rtol: Annotated[
@@ -145,15 +147,17 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
     start()
     from brdfcheck.brdf.callables import Finding
     from brdfcheck.fits.compact import compact_fits
-    from brdfcheck.fits.compensation import checked, compensation
+    from brdfcheck.fits.compensated import checked
+    from brdfcheck.fits.compensation import compensation
     from brdfcheck.fits.renderer import renderer_table
     from brdfcheck.output import records
     from brdfcheck.output.renderer_files import renderer_metadata, texture_of, write_renderer_table
-    from brdfcheck.output.source import renderer_snippet
+    from brdfcheck.output.source import read_back, renderer_snippet
+    from brdfcheck.verdict import words as verdict_words
 
     kinds = [_kind(path) for path in paths]
     rows, columns = settings["size"]
-    added, report, fits = None, None, None
+    added, fits, reports, facts = None, None, {}, []
     with contextlib.redirect_stdout(sys.stderr), output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
         try:
             table = renderer_table(
@@ -176,34 +180,46 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
                 texture_of(table, added, settings["texture"])
             if set(kinds) & set(_SOURCE):
                 show("fitting")
-                fits = compact_fits(table)
+                fits = compact_fits(table, compensation=added)
             if verify and added is not None:
                 show("checking the compensated BRDF")
-                report = checked(added)
+                if set(kinds) & set(_TABLES):
+                    reports["look-ups"] = checked(added.family, added)
+                if fits is not None:
+                    name = table.sources.family.name
+                    written = read_back(renderer_snippet("glsl", fits, name), name, table.grid.parameter)
+                    reports["functions"] = checked(added.family, written)
         except Finding as finding:
             output.line(f"{settings['name']}  cannot be evaluated: {one_line(finding)}")
             return ExitCode.FAILED
-    line = _command(settings, how, paths)
-    metadata = renderer_metadata(table, added, report, command=line)
-    for path, kind in zip(paths, kinds, strict=True):
+    line = _command(settings, how, paths, verify)
+    metadata = renderer_metadata(table, added, None if fits is None else fits.compensation, reports, command=line)
+    verdicts = {report.verdict.name for report in reports.values()}
+    refuted = "VIOLATES" in verdicts
+    for path, kind in zip(paths, kinds, strict=True) if not refuted else ():
         if kind in _SOURCE and fits is not None:
             facts = [f"{metadata['name']}: {metadata['formula'] or 'no formula known'}", f"Parameter: {metadata['parameter']}."]
+            if "functions" in reports:
+                facts.append(f"Checked: {verdict_words.message(reports['functions'])}.")
             with asked():
                 text = renderer_snippet(kind, fits, table.sources.family.name, facts=facts, command=line)
             output.save(path, text, "-o")
         else:
             with refused("-o", path), asked():
                 write_renderer_table(path, table, kind, added, texture=settings["texture"], metadata=metadata)
-    for text in _lines(settings, table, added, fits, report, paths):
+    for text in _lines(table, added, fits, reports):
         output.line(text)
-    code = ExitCode.FAILED if report is not None and report.verdict.name == "VIOLATES" else ExitCode.PASSED
+    for path in paths:
+        output.line(f"  {'not written' if refuted else 'wrote':<12} {path}")
+    code = ExitCode.PASSED if verdicts <= {"CONSERVES"} else ExitCode.FAILED
     summary = {"seconds": time.perf_counter() - began, "exit_code": int(code)}
-    result = {**metadata, "files": paths, "check": None if report is None else records.to_json_object(report)}
+    found = {name: records.to_json_object(report) for name, report in reports.items()}
+    result = {**metadata, "files": [] if refuted else paths, "check": found or None}
     output.write_json(lambda: records.document("table", [result], settings=settings, summary=summary))
     return code
 
 
-def _command(settings: Mapping[str, Any], how: Reading, paths: list[str]) -> str:
+def _command(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bool) -> str:
     """The command that makes the same files."""
     line = ["brdfcheck", "table", settings["name"]]
     for key, (low, high) in settings["over"].items():
@@ -211,14 +227,17 @@ def _command(settings: Mapping[str, Any], how: Reading, paths: list[str]) -> str
     line += ["--size", "x".join(map(str, settings["size"])), "--nodes", settings["nodes"]]
     line += ["--texture", settings["texture"]] if settings["texture"] else []
     line += ["--compensation"] if settings["compensation"] else []
+    line += ["--check"] if verify else []
     if settings["cos_theta"]:
         line += ["--cos-theta", ":".join(map(words.written, settings["cos_theta"]))]
     line += ["--rtol", words.written(settings["rtol"])] if settings["rtol"] else []
     return shlex.join([*line, *how.command, *(word for path in paths for word in ("-o", path))])
 
 
-def _lines(settings: Mapping[str, Any], table: Any, added: Any, fits: Any, report: Any, paths: list[str]) -> list[str]:
+def _lines(table: Any, added: Any, fits: Any, reports: Mapping[str, Any]) -> list[str]:
     """What was made, for a person."""
+    from brdfcheck.verdict.words import albedo_text, exact, place_text
+
     grid = table.grid
     rows, columns = grid.values.shape
     low, high = table.bounds
@@ -230,18 +249,24 @@ def _lines(settings: Mapping[str, Any], table: Any, added: Any, fits: Any, repor
     if table.why:
         lines.append(f"  no split sum: {table.why}")
     lines += [f"  note         {note}" for note in grid.family.notes]
+    if fits is not None:
+        split = "" if fits.share is None else f", split sum within {fits.split_sum_error:.2g}"
+        average = "" if fits.average is None else f", average within {fits.average.max_error:.2g}"
+        lines.append(f"  functions    albedo within {fits.albedo.max_error:.2g}{average}{split}")
     if added is not None:
         lines.append(
             f"  compensation loses at most {added.loss:.2g} with linear look-ups"
             f" (the table of E itself would exceed 1 by {max(added.excess, 0):.2g})"
         )
-    if report is not None:
-        found = f"{report.verdict.name}: largest albedo {report.albedo:.5f} +- {report.error:.1g}"
-        if report.verdict.name == "UNDECIDED" and added is not None:
-            found += f": the bar is wide; at {added.points[0]} x {added.points[1]} points of a finer grid it is at most 1"
-        lines.append(f"  check        {found}")
-    if fits is not None:
-        split = "" if fits.share is None else f", split sum within {fits.split_sum_error:.2g}"
-        average = "" if fits.average is None else f", average within {fits.average.max_error:.2g}"
-        lines.append(f"  functions    albedo within {fits.albedo.max_error:.2g}{average}{split}")
-    return [*lines, *(f"  wrote        {path}" for path in paths)]
+        if fits is not None:
+            lines.append(f"  compensation loses at most {fits.compensation.loss:.2g} by the functions")
+        (begins, _), *_ = added.family.ranges.values()
+        if begins > low:
+            lines.append(f"  note         the compensation is for {grid.parameter} from {begins:g} on")
+    for name, report in reports.items():
+        at = place_text(report)
+        lines.append(
+            f"  check        {name}: {report.verdict.name}, largest albedo {albedo_text(report)}"
+            f" at {at}, tolerance {exact(report.tolerance)}"
+        )
+    return lines

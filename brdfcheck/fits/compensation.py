@@ -12,53 +12,70 @@ exceeds the look-up in the cells around it; then it conserves, and what it still
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
-from scipy.ndimage import maximum_filter
+from jaxtyping import Float
 
-from brdfcheck.brdf.callables import with_options_of
-from brdfcheck.brdf.calling import directional
+from brdfcheck.brdf.callables import Finding
 from brdfcheck.brdf.family import Family
+from brdfcheck.fits.grids import Sampler
 from brdfcheck.fits.renderer import RendererTable, cells
 from brdfcheck.messages import UsageError
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict import Report
 from brdfcheck.verdict.checking import check_family
+from brdfcheck.verdict.report import Verdict
 
-# Of a parabola the middle of a cell misses the most; this is for what bends otherwise.
-_MARGIN = 1.25
-# What 1 less the average is at least, so that where nothing is lost a renderer divides nothing by something, in float32 too.
-_SMALLEST = 1e-6
-_RTOL = 1e-4
+Lookup = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""A number for each of some parameters and cosines (points,)."""
+
+SMALLEST = 1e-6
+"""What 1 less the average is at least: where nothing is lost a renderer divides nothing by something, in float32 too."""
+# What has no albedo where its range begins (facets of no roughness) is covered from this part of the way to the first node on.
+_BEGINS = 0.1
+# A cell is divided until what it holds differs from a parabola by no more than this, or this part of what is missed; so often
+# at most. Of functions a value is dear: there more is allowed for instead.
+_LOBES, _FUNCTIONS = (5e-6, 0.1, 6), (2e-4, 0.3, 3)
+# How often nodes are raised at most, for points that lie lower by more than this.
+_RAISED, _ROUNDING = 100, 1e-12
+# From values at 0, 1/2 and 1 those of a parabola at 0, 1/4, ... 1.
+_PARABOLA = np.array([[1, 0, 0], [0.375, 0.75, -0.125], [0, 1, 0], [-0.125, 0.75, 0.375], [0, 0, 1]])
+# The accuracy that is asked of functions where nothing is said.
+_SEARCHED = 1e-6
 
 
 @dataclass(frozen=True)
 class Compensation:
     """`energy`: the raised table of E (parameter, cos_theta), `average`: its averages (parameter,), to be looked up linearly.
 
-    `excess`: by how much the albedo would exceed 1 with the table of E as it is; `loss`: how much is still lost with the raised
-    one; both largest on `points` cells between and beyond the nodes. `family`: the compensated BRDF.
+    Both are numbers of float32. `returned` are the averages of `energy`, which `average` may lie below. `family`: the target
+    over all of the range that the table covers. `excess`: by how much the albedo would exceed 1 with the table of E as it is;
+    `loss`: how much is still lost with the raised one, at most on the grid of `cover`.
     """
 
+    nodes: Float[np.ndarray, " parameter"]
+    cos_theta: Float[np.ndarray, " cos_theta"]
     energy: Float[np.ndarray, "parameter cos_theta"]
     average: Float[np.ndarray, " parameter"]
+    returned: Float[np.ndarray, " parameter"]
     excess: float
     loss: float
-    points: tuple[int, int]
+    cover: Cover
     family: Family
+
+    def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> np.ndarray:
+        """The albedo of what is added, with linear look-ups: exact."""
+        returned, divisor = (1 - np.interp(parameter, self.nodes, part) for part in (self.returned, self.average))
+        return (1 - looked_up(self.nodes, self.cos_theta, self.energy, parameter, mu)) * returned / divisor
 
 
 def compensation(table: RendererTable, rtol: float | None = None, row: Callable[[], None] = lambda: None) -> Compensation:
     """The compensation of a table's target, which must have a Fresnel term of 1 where it has one.
 
     `rtol` and `row` as for `cells`. UsageError where the target's Fresnel term is not 1, where not all angles are looked at, or
-    where E exceeds 1: then nothing is lost.
+    where the search of `check` finds an albedo above 1: then nothing is lost.
     """
     found, grid = table.sources, table.grid
     name = found.family.name
@@ -67,27 +84,157 @@ def compensation(table: RendererTable, rtol: float | None = None, row: Callable[
     if table.average is None:
         raise UsageError(f"{name}: the compensation needs all angles of incidence; leave --cos-theta out")
     with double_precision():
-        above = grid.values - grid.errors > 1
-        if np.any(above):
-            i, j = np.unravel_index(np.argmax(grid.values), grid.values.shape)
-            place = f"{grid.parameter}={grid.nodes[i]:g}, cos_theta={grid.cos_theta[j]:g}"
+        family = covered(table)
+        exact = Sampler(family, None).albedo.fast
+        judged = check_family(family, rtol=None if exact else _SEARCHED, intervals=False, effort="quick")
+        if judged.verdict is Verdict.VIOLATES:
+            place = ", ".join(f"{key}={value:g}" for key, value in judged.parameters.items() if key in family.ranges)
             raise UsageError(
-                f"{name}: the albedo is {grid.values[i, j]:.6g} at {place}: above 1 there is no loss to compensate"
+                f"{name}: the albedo is {judged.albedo:.6g} at {place}, cos_theta={judged.cos_theta:g}: above 1 there is no"
+                " loss to compensate"
             )
-        low, high = found.family.ranges[grid.parameter]
-        axes = _between(grid.nodes, low, high), _between(grid.cos_theta, 0.0, 1.0)
-        values, bars = cells(found.family, axes[0], axes[1], rtol, row)
-        missed = values + bars - _looked_up(grid.nodes, grid.cos_theta, grid.values, *axes)
-        around = maximum_filter(np.maximum(missed, 0), size=5, mode="nearest")[1::2, 1::2]
-        energy = np.minimum(grid.values + grid.errors + _MARGIN * around, 1)
-        exact = averages(grid.cos_theta, energy)
-        average = np.minimum(exact, 1 - _SMALLEST)
-        returned, divisor = (1 - np.interp(axes[0], grid.nodes, row) for row in (exact, average))
-        added = (1 - _looked_up(grid.nodes, grid.cos_theta, energy, *axes)) * (returned / divisor)[:, None]
-        return Compensation(
-            energy, average, float(np.max(missed - bars)), float(np.max(1 - values - added)), (len(axes[0]), len(axes[1])),
-            _compensated(table, energy, average),
-        )  # fmt: skip
+        known = Cover(
+            family,
+            grid.nodes,
+            grid.cos_theta,
+            lambda parameter, mu: looked_up(grid.nodes, grid.cos_theta, grid.values, parameter, mu),
+            rtol,
+            row,
+        )
+        energy = _float32(raised(grid.nodes, grid.cos_theta, grid.values + grid.errors, known), np.inf)
+        returned = averages(grid.cos_theta, energy)
+        average = _float32(np.minimum(returned, 1 - SMALLEST), -np.inf)
+        made = Compensation(
+            grid.nodes, grid.cos_theta, energy, average, returned, float(np.max(known.missed)), 0.0, known, family
+        )
+        return replace(made, loss=known.loss(made))
+
+
+def covered(table: RendererTable) -> Family:
+    """The target of a table over all of its range; from a tenth of the first node on where it is nothing at the beginning."""
+    name, (low, high) = table.grid.parameter, table.bounds
+    whole = replace(table.sources.family, ranges={name: (low, high)})
+    with contextlib.suppress(ValueError, Finding):
+        if np.isfinite(Sampler(whole, _SEARCHED).at(np.array([low]), np.array([0.5]))[0]):
+            return whole
+    first = float(table.grid.nodes[0])
+    return replace(whole, ranges={name: (low + _BEGINS * (first - low), high)})
+
+
+class Cover:
+    """A family's albedo in all cells between nodes, as points that say what it is in each cell, in which it is smooth.
+
+    The axes are divided at the nodes and at the ends of the ranges, `parameter` and `mu` are the sides and middles of the
+    cells, `values` the albedos there, `missed` by how much they with their bars exceed the approximation. Cells in which it may
+    be missed elsewhere are divided until a parabola says what the next values are. `seen` are parameters and cosines
+    (points, 2) of all albedos that were looked at, and what these are with their bars; `points` and `upper` are these and
+    more, for what lies between.
+    """
+
+    def __init__(
+        self,
+        family: Family,
+        nodes: np.ndarray,
+        cos_theta: np.ndarray,
+        approximation: Lookup,
+        rtol: float | None,
+        row: Callable[[], None] = lambda: None,
+    ):
+        ((low, high),) = family.ranges.values()
+        self._approximation, self._sampler = approximation, Sampler(family, rtol)
+        self._few, self._part, self._depth = _LOBES
+        if not self._sampler.albedo.fast:
+            self._sampler.rtol, (self._few, self._part, self._depth) = rtol or _SEARCHED, _FUNCTIONS
+        self.parameter = _halved(np.concatenate([[low], nodes, [high]]))
+        self.mu = _halved(np.concatenate([[0.0], cos_theta, [1.0]]))
+        p, where = np.unique(self.parameter, return_inverse=True)
+        mu, across = np.unique(self.mu, return_inverse=True)
+        self.values, bars = (part[np.ix_(where, across)] for part in cells(family, p, mu, rtol, row))
+        self._grid = np.stack(np.meshgrid(self.parameter, self.mu, indexing="ij"), axis=-1)
+        self.missed = self.values + bars - approximation(*self._grid.reshape(-1, 2).T).reshape(self.values.shape)
+        self._seen = [(self._grid.reshape(-1, 2), (self.values + bars).ravel())]
+        self._between: list[tuple[np.ndarray, np.ndarray]] = []
+        self._divide()
+        self.seen = tuple(np.concatenate(part) for part in zip(*self._seen, strict=True))
+        self.points, self.upper = (np.concatenate(part) for part in zip(*self._seen, *self._between, strict=True))
+
+    def loss(self, added: Lookup) -> float:
+        """How much is still lost where this much is added, at most."""
+        return float(np.max(1 - self.values - added(*self._grid.reshape(-1, 2).T).reshape(self.values.shape)))
+
+    def _divide(self) -> None:
+        blocks, places, roughness = (
+            np.lib.stride_tricks.sliding_window_view(part, (3, 3), axis=(0, 1))[::2, ::2]
+            for part in (self.missed, self._grid, np.maximum(*(_third(self.values, axis) for axis in (0, 1))))
+        )
+        blocks, rough = blocks.reshape(-1, 3, 3), roughness.reshape(-1, 9).max(axis=1) / 4
+        # Of each cell the lower and the upper end along either axis.
+        boxes = places.reshape(-1, 2, 3, 3)[:, :, [0, 2], [0, 2]]
+        inner = blocks.reshape(-1, 9)[:, [1, 3, 4, 5, 7]].max(axis=1)
+        # Third differences tell where a parabola may be trusted as it is: it errs by a sixteenth of them.
+        unclear, left = inner + rough > 0, rough > np.maximum(self._part * inner, self._few)
+        self._settle(boxes[unclear & ~left], blocks[unclear & ~left], rough[unclear & ~left])
+        boxes, blocks = boxes[unclear & left], blocks[unclear & left]
+        for depth in range(self._depth):
+            if not len(boxes):
+                break
+            boxes, blocks = self._halves(boxes, blocks, depth == self._depth - 1)
+
+    def _settle(self, boxes: np.ndarray, blocks: np.ndarray, off: np.ndarray) -> None:
+        """Take boxes (boxes, axes, ends) as they are, in which parabolas through what is missed are off by so much."""
+        sides = np.stack([boxes[..., 0], boxes.mean(axis=-1), boxes[..., 1]], axis=-1)
+        points = np.stack(np.broadcast_arrays(sides[:, 0, :, None], sides[:, 1, None, :]), axis=-1).reshape(-1, 2)
+        # Between the points of a parabola its crest is higher by some of its bend.
+        bend = np.maximum(*(-np.diff(blocks, 2, axis=axis).min(axis=(1, 2)) for axis in (1, 2)))
+        doubt = np.repeat(off + np.maximum(bend, 0) / 8, 9)
+        self._between.append((points, blocks.ravel() + doubt + self._approximation(*points.T)))
+
+    def _halves(self, boxes: np.ndarray, blocks: np.ndarray, last: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Look at quarters of boxes (boxes, axes, ends), of which `blocks` is what is missed; those that are to be divided."""
+        t = np.linspace(0, 1, 5)
+        ends = boxes[:, :, [0]] + t * (boxes[:, :, [1]] - boxes[:, :, [0]])
+        points = np.stack(np.broadcast_arrays(ends[:, 0, :, None], ends[:, 1, None, :]), axis=-1)
+        fresh = np.ones((5, 5), bool)
+        fresh[::2, ::2] = False
+        finer = np.einsum("ai,nij,bj->nab", _PARABOLA, blocks, _PARABOLA)
+        asked = points[:, fresh].reshape(-1, 2)
+        value, error = self._sampler.at(*asked.T)
+        missed = (value + error - self._approximation(*asked.T)).reshape(len(boxes), -1)
+        off = np.abs(missed - finer[:, fresh]).max(axis=1)
+        finer[:, fresh] = missed
+        self._seen.append((asked, value + error))
+        corners = [(i, j) for i in (0, 2) for j in (0, 2)]
+        parts = np.stack([finer[:, i : i + 3, j : j + 3] for i, j in corners], axis=1)
+        halves = np.stack([ends[:, :, :3:2], ends[:, :, 2::2]], axis=1)  # (boxes, halves, axes, ends)
+        quarters = np.stack([halves[:, [i // 2, j // 2], [0, 1]] for i, j in corners], axis=1)
+        tops = parts.max(axis=(2, 3))
+        # The next parabola errs by an eighth of what this one did.
+        off = np.repeat(off[:, None], 4, axis=1)
+        unclear, left = tops + off > 0, (off > np.maximum(self._part * tops, self._few)) & (not last)
+        self._settle(quarters[unclear & ~left], parts[unclear & ~left], off[unclear & ~left] / 4)
+        return quarters[unclear & left], parts[unclear & left]
+
+
+def raised(nodes: np.ndarray, cos_theta: np.ndarray, table: np.ndarray, known: Cover) -> np.ndarray:
+    """The table, which holds no more than 1, raised as little as looking up between nodes asks for not to lie below `upper`.
+
+    Where a node cannot be raised above 1 the others around the point are raised by more.
+    """
+    (i, k, x), (j, m, y) = (_between(axis, part) for axis, part in zip((nodes, cos_theta), known.points.T, strict=True))
+    rows, columns = np.stack([i, i, k, k]), np.stack([j, m, j, m])
+    weights = np.stack([(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y])
+    upper = np.minimum(known.upper, 1)
+    table = np.minimum(table, 1)
+    for _ in range(_RAISED):
+        below = upper - np.sum(weights * table[rows, columns], axis=0)
+        if np.all(below <= _ROUNDING):
+            return table
+        free = np.where(table[rows, columns] < 1, weights, 0)
+        lift = np.zeros_like(table)
+        step = np.maximum(below, 0) / np.maximum(free.sum(axis=0), 1e-12)
+        np.maximum.at(lift, (rows, columns), np.where(free > 0, step, 0))
+        table = np.minimum(table + lift, 1)
+    return table
 
 
 def averages(mu: Float[np.ndarray, " n"], energy: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, " rows"]:
@@ -98,52 +245,40 @@ def averages(mu: Float[np.ndarray, " n"], energy: Float[np.ndarray, "rows n"]) -
     return ((high - low) * (y[:, :-1] * (2 * low + high) + y[:, 1:] * (low + 2 * high))).sum(axis=1) / 3
 
 
-def _between(nodes: np.ndarray, low: float, high: float) -> np.ndarray:
-    """The ends of the range, the nodes and the middles between them, 2 N + 1 in all: node k is number 2 k + 1."""
-    ends = np.concatenate([[low], nodes, [high]])
-    found = np.empty(2 * len(nodes) + 1)
-    found[1::2] = nodes
-    found[0::2] = (ends[:-1] + ends[1:]) / 2
-    found[0], found[-1] = low, high
+def looked_up(nodes: np.ndarray, cos_theta: np.ndarray, table: np.ndarray, parameter: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """The table at points between its nodes, linear along each axis and level beyond: (points,)."""
+    (i, k, x), (j, m, y) = _between(nodes, parameter), _between(cos_theta, mu)
+    return (1 - x) * ((1 - y) * table[i, j] + y * table[i, m]) + x * ((1 - y) * table[k, j] + y * table[k, m])
+
+
+def _between(nodes: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nodes before and after each number, and how far it is from the first to the second."""
+    place = np.interp(at, nodes, np.arange(len(nodes)))
+    first = place.astype(int)
+    return first, np.minimum(first + 1, len(nodes) - 1), place - first
+
+
+def _halved(sides: np.ndarray) -> np.ndarray:
+    """The sides of cells with the middles between them."""
+    found = np.empty(2 * len(sides) - 1)
+    found[::2], found[1::2] = sides, (sides[:-1] + sides[1:]) / 2
     return found
 
 
-def _looked_up(p: np.ndarray, mu: np.ndarray, table: np.ndarray, at_p: np.ndarray, at_mu: np.ndarray) -> np.ndarray:
-    """The table between its nodes, linear along each axis and level beyond: (at_p, at_mu)."""
-    across = np.stack([np.interp(at_mu, mu, row) for row in table])
-    return np.stack([np.interp(at_p, p, column) for column in across.T], axis=1)
+def _third(values: np.ndarray, axis: int) -> np.ndarray:
+    """The largest third difference along an axis that each value takes part in; a parabola errs by a sixteenth of it."""
+    count = values.shape[axis]
+    if count < 4:
+        return np.zeros_like(values)
+    differences = np.moveaxis(np.abs(np.diff(values, 3, axis=axis)), axis, 0)
+    found = np.zeros_like(np.moveaxis(values, axis, 0))
+    for k in range(4):
+        np.maximum(found[k : count - 3 + k], differences, out=found[k : count - 3 + k])
+    return np.moveaxis(found, 0, axis)
 
 
-def _compensated(table: RendererTable, energy: np.ndarray, average: np.ndarray) -> Family:
-    family, grid = table.sources.family, table.grid
-    nodes, mu = grid.nodes, grid.cos_theta
-
-    def build(**own: Any) -> Callable[[Any, Any], Any]:
-        base = directional(family.build(**own))
-        (number,) = own.values()
-        # Along the parameter once for each BRDF, along mu for each pair.
-        row = jax.vmap(lambda column: jnp.interp(number, nodes, column), in_axes=1)(jnp.asarray(energy))
-        mean = jnp.interp(number, nodes, average)
-
-        def brdf(wi: Float[Array, "... 3"], wo: Float[Array, "... 3"]) -> Any:
-            missing = [1 - jnp.interp(w[..., 2], mu, row) for w in (jnp.asarray(wi), jnp.asarray(wo))]
-            above = (wi[..., 2] > 0) & (wo[..., 2] > 0)
-            more = jnp.where(above, missing[0] * missing[1] / (jnp.pi * (1 - mean)), 0)
-            value = base(wi, wo)
-            return value + (more[..., None] if jnp.ndim(value) > jnp.ndim(more) else more)
-
-        return brdf
-
-    build.__name__ = f"{family.name}-compensated"
-    return replace(family, name=build.__name__, build=with_options_of(family.build, build), tolerance=1e-6)
-
-
-def checked(found: Compensation) -> Report:
-    """`check` of the compensated BRDF as a function of two directions, from cos theta 0.01 on, with a tolerance of 5e-4.
-
-    It refutes a table that violates. Of one that conserves it mostly says UNDECIDED: the albedo is 1 wherever nothing is lost,
-    and look-ups have an edge in every cell, so that the search does not settle and its bar is 2e-3. The grid of
-    `compensation` is finer: there nothing exceeds 1 by more than the bars of the table.
-    """
-    family = replace(found.family, cos_theta=(0.01, 1.0))
-    return check_family(family, tolerance=5e-4, rtol=_RTOL, intervals=False, effort="quick")
+def _float32(values: np.ndarray, towards: float) -> np.ndarray:
+    """The nearest numbers of float32 that lie on this side."""
+    single = values.astype(np.float32)
+    wrong = single < values if towards > 0 else single > values
+    return np.where(wrong, np.nextafter(single, np.float32(towards)), single).astype(float)

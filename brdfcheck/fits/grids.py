@@ -80,10 +80,14 @@ class Sampler:
     def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values and errors on the grid of two axes, shape (parameter, mu)."""
         pairs = np.array(list(product(parameter, mu)))
-        value, error = self.albedo(pairs[:, :1], pairs[:, 1], np.zeros(len(pairs)), rtol=self.rtol)
-        error = error + bars(self.albedo, pairs[:, 1], np.zeros(len(pairs))).max(axis=1)
+        value, error = self.at(pairs[:, 0], pairs[:, 1])
         shape = (len(parameter), len(mu))
         return value.reshape(shape), error.reshape(shape)
+
+    def at(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and errors at points (points,)."""
+        value, error = self.albedo(parameter[:, None], mu, np.zeros(len(mu)), rtol=self.rtol)
+        return value, error + bars(self.albedo, mu, np.zeros(len(mu))).max(axis=1)
 
     def grid(self, nodes: np.ndarray, mu: np.ndarray, values: np.ndarray, errors: np.ndarray, placement: str) -> AlbedoGrid:
         """Values and errors on the grid of two axes with what the family is made of; `placement`: where the nodes lie."""

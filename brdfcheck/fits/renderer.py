@@ -116,9 +116,9 @@ def sources(
     reading: Reading | None = None,
     cos_theta: tuple[float, float] | None = None,
 ) -> tuple[Sources, tuple[float, float]]:
-    """The families of a table, from its first node to the end of the range; and the range.
+    """The families of a table, over its range from where there is a BRDF on; and the range.
 
-    `target`: what `brdfcheck.check` takes; `reading`: how shader files are read; `first(low, high)`: the first node. Rows run
+    `target`: what `brdfcheck.check` takes; `reading`: how shader files are read; `first(low, high)`: where that is. Rows run
     over the parameter that has a range, in `ranges` or of itself; the others are held where `ranges` says, or at their
     defaults, an F0 at 1. Where a target has an alpha (or m) and no ``roughness``, this is its square root.
     UsageError where two parameters have ranges, and as `as_target` raises.
@@ -261,8 +261,9 @@ def renderer_table(
     if len(size) != 2 or any(not isinstance(part, int) or part < 2 for part in size):
         raise ValueError(f"size must be two whole numbers >= 2, ROWSxCOLUMNS; got {size!r}")
     with double_precision():
+        # At 0 there may be no BRDF: facets of no roughness are none.
         found, bounds = sources(
-            target, ranges or {}, lambda low, high: float(axis(low, high, size[0], placement)[0]), reading, cos_theta
+            target, ranges or {}, lambda low, high: low or float(axis(low, high, size[0], placement)[0]), reading, cos_theta
         )
         family, low, high = found.family, *found.family.cos_theta
         nodes, mu = axis(*bounds, size[0], placement), axis(low, high, size[1], placement)

@@ -34,6 +34,8 @@ DEGREES = ((4, 3), (5, 2))
 # By `PointwiseAlbedo.effort`: exponents and cosines of the grid that is fitted, and of the finer one along each axis.
 _GRIDS = (((33, 29), 129), ((25, 25), 65), ((11, 11), 13), ((11, 11), 13))
 _PATCH = 17
+# By how much an albedo may exceed 1 by rounding.
+_ROUNDED = 1e-9
 # Grids larger than this are thinned for the first trials; so many of these are then looked at on the whole grid.
 _FEW = 400
 _PROMISING = 3
@@ -102,6 +104,7 @@ class AlbedoFit:
     albedo itself (`table_error`). `relative_error`: the largest error relative to the albedo, which is met where the albedo is
     small, towards grazing incidence; `rms_error`: both over the same grid. `denominator_bound`: proven lower bound of the
     denominator on the whole square, whose largest coefficient is `denominator_scale`; positive, so there is no pole.
+    `clamped`: no albedo that was seen lies outside of [0, 1], and the function does not leave it either.
     """
 
     name: str
@@ -123,13 +126,14 @@ class AlbedoFit:
     denominator_bound: float
     fitted: tuple[int, int]
     checked: tuple[int, int]
+    clamped: bool = False
 
     def __call__(self, parameter: Float[ArrayLike, "..."], cos_theta: Float[ArrayLike, "..."]) -> np.ndarray:
-        """The albedo at parameters and cosines of incidence that broadcast together; never clamped."""
+        """The albedo at parameters and cosines of incidence that broadcast together."""
         p = np.clip(np.asarray(parameter, float), *self.parameter_range)
         mu = np.clip(np.asarray(cos_theta, float), *self.cos_range)
         u, v = self.variables(*np.broadcast_arrays(p, mu))
-        return self.surface(u, v)
+        return bounded(self.surface(u, v), self.clamped)
 
     @property
     def coefficients(self) -> int:
@@ -266,8 +270,10 @@ class _Problem:
         return best_surface(*variables(p, mu), self.values[::step, ::step].ravel(), degree, start=start)
 
     def _measured(self, variables: Variables, surface: RationalSurface, degree: tuple[int, int]) -> AlbedoFit:
+        clamped = within_one(self.finer_values, self.finer_errors)
+
         def residual(axes: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarray:
-            return np.abs(surface(*variables(*np.meshgrid(*axes, indexing="ij"))) - values)
+            return np.abs(bounded(surface(*variables(*np.meshgrid(*axes, indexing="ij"))), clamped) - values)
 
         error = residual(self.finer, self.finer_values)
         total = error + self.finer_errors
@@ -302,7 +308,18 @@ class _Problem:
             denominator_bound=lower_bound(surface.denominator),
             fitted=(len(self.parameter), len(self.mu)),
             checked=(len(self.finer[0]), len(self.finer[1])),
+            clamped=clamped,
         )
+
+
+def within_one(values: np.ndarray, errors: np.ndarray) -> bool:
+    """True where none of some values lies outside of [0, 1] by more than its error and rounding."""
+    return bool(np.all((values >= -errors - _ROUNDED) & (values <= 1 + errors + _ROUNDED)))
+
+
+def bounded(values: np.ndarray, clamped: bool) -> np.ndarray:
+    """The values, moved to the nearer end of [0, 1] where they are to be `clamped`."""
+    return np.clip(values, 0, 1) if clamped else values
 
 
 def _lobatto(size: int) -> np.ndarray:

@@ -14,11 +14,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from brdfcheck.fits.compact import CompensationFit
 from brdfcheck.fits.compensation import Compensation
 from brdfcheck.fits.renderer import RendererTable
 from brdfcheck.output import records
 from brdfcheck.output.source import comment, identifier, number
 from brdfcheck.output.table_files import csv_text, npy_bytes, table_metadata, texts, write_beside
+from brdfcheck.verdict.report import Report
+from brdfcheck.verdict.words import message
 
 KINDS = ("csv", "npy", "exr", "dds", "hpp")
 Texture = Literal["dfg", "albedo", "compensation"]
@@ -62,9 +65,17 @@ def texture_of(table: RendererTable, compensation: Compensation | None, texture:
 
 
 def renderer_metadata(
-    table: RendererTable, compensation: Compensation | None = None, report: Any = None, *, command: str | None = None
+    table: RendererTable,
+    compensation: Compensation | None = None,
+    functions: CompensationFit | None = None,
+    reports: Mapping[str, Report] | None = None,
+    *,
+    command: str | None = None,
 ) -> dict[str, Any]:
-    """What a reader must know, ready for strict JSON: target, axes, quantities, bars, versions. `report`: of `check`."""
+    """What a reader must know, ready for strict JSON: target, axes, quantities, bars, versions.
+
+    `functions`: the compensation by functions, `reports`: what the search said of the BRDF with each of the compensations.
+    """
     found, family = table.sources, table.sources.family
     names = quantities(table, compensation)
     record = table_metadata(table.grid, command or f"brdfcheck.fits.renderer.renderer_table({family.name!r})")
@@ -84,14 +95,17 @@ def renderer_metadata(
     if table.why:
         record["no_split_sum"] = table.why
     if compensation is not None:
-        record["compensation"] = records.plain(
-            {
-                "excess_with_E_itself": compensation.excess,
-                "largest_loss": compensation.loss,
-                "measured_on": compensation.points,
-                "check": None if report is None else str(report).split("\n", 1)[0],
-            }
-        )
+        (begins, ends), *_ = compensation.family.ranges.values()
+        made = {
+            "excess_with_E_itself": compensation.excess,
+            "largest_loss": compensation.loss,
+            "measured_on": compensation.cover.missed.shape,
+            "range": (begins, ends),
+            "check": {name: message(report) for name, report in (reports or {}).items()} or None,
+        }
+        if functions is not None:
+            made["functions"] = {"largest_loss": functions.loss, "albedo_raised": functions.raised}
+        record["compensation"] = records.plain(made)
     return record
 
 

@@ -12,18 +12,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, PhongExact, Proportional, RationalFactor
-from brdfcheck.fits.compact import AverageFit, CompactFits
+from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.glsl.shader import Made, ShaderFile
+from brdfcheck.fits.compact import AverageFit, CompactFits, CompensationFit
+from brdfcheck.fits.compensation import SMALLEST
 from brdfcheck.fits.rational import rows
 from brdfcheck.fits.surface import AlbedoFit
 from brdfcheck.messages import one_line
+from brdfcheck.numerics import gauss
 from brdfcheck.output import records
 
 # What a parameter may be called in both languages, whatever the locals are.
 _PLAIN_PARAMETERS = {"n", "m", "alpha", "roughness", "reflectance"}
 _WIDTH = 110
+# Panels in the cube root of mu and nodes in each by which functions are integrated that have edges, and points at a time.
+_PANELS, _NODES, _PIECE = 48, 4, 256
 
 
 @dataclass(frozen=True)
@@ -113,21 +121,23 @@ def _albedo_function(language: _Language, fit: AlbedoFit, name: str) -> str:
     numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
     used = set(re.findall(r"\b[uv]\b", numerator + denominator))
     parts += [f"    {language.real} {line};\n" for line in _variables(language, fit, parameter, used)]
-    return "".join(parts) + _quotient(language, numerator, denominator, fit.surface.denominator.size)
+    return "".join(parts) + _quotient(language, numerator, denominator, fit)
 
 
-def _quotient(language: _Language, numerator: str, denominator: str, size: int) -> str:
-    """The end of a function whose value is p / q; a denominator of one coefficient is 1."""
-    text = f"    {language.real} p = {numerator};\n"
-    if size > 1:
-        return text + f"    {language.real} q = {denominator};\n    return p / q;\n}}\n"
-    return text + "    return p;\n}\n"
+def _quotient(language: _Language, numerator: str, denominator: str, fit: AlbedoFit | AverageFit) -> str:
+    """The end of a function whose value is p / q, or that within [0, 1]; a denominator of one coefficient is 1."""
+    text, value = f"    {language.real} p = {numerator};\n", "p"
+    if fit.surface.denominator.size > 1:
+        text, value = text + f"    {language.real} q = {denominator};\n", "p / q"
+    if fit.clamped:
+        text, value = text + f"    {language.real} value = {value};\n", language.clamp("value", "0.0", "1.0")
+    return text + f"    return {value};\n}}\n"
 
 
 def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence[str] = (), command: str | None = None) -> str:
     """Text in one of the `LANGUAGES`: NAME_albedo, and as far as there are fits NAME_average, NAME_dfg and NAME_compensation.
 
-    NAME_dfg gives scale and bias of the split sum; NAME_compensation is the BRDF of Kulla and Conty of three albedos.
+    NAME_dfg gives scale and bias of the split sum; NAME_compensation is the BRDF of Kulla and Conty.
     `facts`: lines about the target for the header. Raises ValueError where a float cannot hold a constant.
     """
     language, prefix = LANGUAGES[kind], identifier(name)
@@ -139,6 +149,9 @@ def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence
 
     def told(fit: AlbedoFit) -> str:
         return f"off by at most {fit.max_error:.2g} on {fit.checked[0]} x {fit.checked[1]} points and around the worst"
+
+    def clamped(fit: AlbedoFit) -> str:
+        return "Within [0, 1], as all values are." if fit.clamped else "Not clamped: albedos that were seen exceed 1."
 
     header = [
         *facts,
@@ -154,22 +167,12 @@ def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence
         parts.append(text + "\n")
 
     function(
-        f"Directional albedo E, {told(albedo)}. Never clamped: it may exceed 1 by the error.",
+        f"Directional albedo E, {told(albedo)}. {clamped(albedo)}",
         _albedo_function(language, albedo, f"{prefix}_albedo"),
     )
     if average is not None:
         words = f"Average albedo 2 int E(mu) mu dmu, off by at most {average.max_error:.2g} on {average.checked} points."
         function(words, _average_function(language, average, f"{prefix}_average", parameter))
-        # Fitted values are above 1 where nothing is lost: what they add would be negative, or without bound.
-        most = {"albedo_i": 1.0, "albedo_o": 1.0, "average": 1 - average.max_error}
-        clamped = "".join(f"    {one} = {language.clamp(one, number(0.0), number(high))};\n" for one, high in most.items())
-        function(
-            "Multiple scattering (Kulla and Conty 2017) in 1/sr: add it to the BRDF, from the albedos of both directions and"
-            " the average, which count as 1 where they are above it by the errors of their functions. For F < 1 multiply it by"
-            " Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea the average.",
-            f"{language.function} {prefix}_compensation({real} albedo_i, {real} albedo_o, {real} average) {{\n{clamped}"
-            f"    return (1.0 - albedo_i) * (1.0 - albedo_o) / ({number(math.pi)} * (1.0 - average));\n}}\n",
-        )
     if share is not None:
         if fits.white is not None:
             function(f"Albedo with F = 1, {told(white)}.", _albedo_function(language, white, f"{prefix}_white"))
@@ -188,7 +191,67 @@ def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence
             text = f"{pair} {prefix}_dfg({arguments}) {{\n    float e = {e};\n    float b = e * {s};\n"
             text += f"    return {pair}(e - b, b);\n}}\n"
         function(words, text)
+    if fits.compensation is not None:
+        _compensation_functions(language, fits.compensation, prefix, parameter, function)
     return "".join(parts).rstrip("\n") + "\n"
+
+
+def _compensation_functions(
+    language: _Language, fit: CompensationFit, prefix: str, parameter: str, function: Callable[[str, str], None]
+) -> None:
+    """NAME_lost and NAME_compensation."""
+    real, low = language.real, fit.albedo.parameter_range[0]
+    raised = number(fit.raised)
+    function(
+        f"Average of what is lost where the albedo counts as {fit.raised:.2g} above its function, off by at most"
+        f" {fit.lost.max_error:.2g} on {fit.lost.checked} points.",
+        _average_function(language, fit.lost, f"{prefix}_lost", parameter),
+    )
+    lines = [f"if ({parameter} < {number(low)}) {{ return 0.0; }}"]
+    for side in ("i", "o"):
+        lines.append(f"{real} lost_{side} = 1.0 - {raised} - {prefix}_albedo({parameter}, cos_{side});")
+        lines.append(f"lost_{side} = {language.clamp(f'lost_{side}', '0.0', '1.0')};")
+    lines.append(f"{real} average = {prefix}_lost({parameter}) + {number(fit.margin)};")
+    lines.append(f"average = {language.clamp('average', number(SMALLEST), '1.0')};")
+    lines.append(f"return lost_i * lost_o / ({number(math.pi)} * average);")
+    body = "".join(f"    {line}\n" for line in lines)
+    function(
+        f"Multiple scattering (Kulla and Conty 2017) in 1/sr: add it to the BRDF. The albedo of the sum is at most 1, for all"
+        f" errors of the functions are on that side; it loses at most {fit.loss:.2g}. Nothing is added below {parameter} ="
+        f" {low:g}. For F < 1 multiply it by Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea = {prefix}_average.",
+        f"{language.function} {prefix}_compensation({real} {parameter}, {real} cos_i, {real} cos_o) {{\n{body}}}\n",
+    )
+
+
+def read_back(text: str, name: str, parameter: str) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """The albedo of NAME_compensation in GLSL `text`, as a function of parameters and cosines (points,).
+
+    The text is read by what reads shaders of users, in double precision, and integrated over the light that leaves.
+    """
+    given = parameter if parameter in _PLAIN_PARAMETERS else "parameter"
+    function = f"{identifier(name)}_compensation"
+    asked = f"float asked(vec3 L, vec3 V, float {given}) {{ return {function}({given}, L.z, V.z); }}\n"
+    made = Made(f"{text}\n{asked}", (), function)
+    shader = ShaderFile(function, "asked", Reading(), made).family({given: (0.0, 1.0)}, None, lambda *_, **__: "")
+    x = ((np.arange(_PANELS)[:, None] + gauss(_NODES)[0]) / _PANELS).ravel()
+    share = 6 * np.pi * x**5 * np.tile(gauss(_NODES)[1], _PANELS) / _PANELS  # 2 pi mu dmu with mu = x^3
+
+    def directions(mu: Any) -> Any:
+        return jnp.stack([jnp.sqrt(1 - mu * mu), 0 * mu, mu], axis=-1)
+
+    @jax.jit
+    def added(values: Any, cosines: Any) -> Any:
+        wo = directions(jnp.asarray(x**3))
+        return jax.vmap(lambda value, mu: shader.build(**{given: value})(directions(mu), wo) @ share)(values, cosines)
+
+    def everywhere(values: np.ndarray, cosines: np.ndarray) -> np.ndarray:
+        # In pieces of one length: for another one a program is compiled.
+        padding = (0, -len(values) % _PIECE)
+        pieces = (np.pad(part, padding, mode="edge").reshape(-1, _PIECE) for part in (values, cosines))
+        found = [np.asarray(added(*piece)) for piece in zip(*pieces, strict=True)]
+        return np.concatenate([np.zeros(0), *found])[: len(values)]
+
+    return everywhere
 
 
 def _average_function(language: _Language, fit: AverageFit, name: str, parameter: str) -> str:
@@ -198,7 +261,7 @@ def _average_function(language: _Language, fit: AverageFit, name: str, parameter
     lines += f"    {parameter} = {language.clamp(parameter, *(number(bound) for bound in fit.bounds))};\n"
     if re.search(r"\bv\b", numerator + denominator):
         lines += f"    {language.real} v = ({_minus(x, fit.centre)}) * {number(fit.scale)};\n"
-    return lines + _quotient(language, numerator, denominator, fit.surface.denominator.size)
+    return lines + _quotient(language, numerator, denominator, fit)
 
 
 def _variables(language: _Language, fit: AlbedoFit, parameter: str, used: set[str]) -> list[str]:
@@ -289,7 +352,10 @@ def _header(language: _Language, fit: AlbedoFit, factor: Any, prefix: str, comma
         "",
         *([f"{prefix}_factor: what the lobe is multiplied by, in 1/sr."] if factor is not None else []),
         f"{prefix}_albedo: directional albedo E = integral of f(wi, wo) (N.wo) over all wo, wi fixed, cos_theta = N.wi;"
-        f" {own}. Never clamped: it may exceed 1 where the BRDF does, or by the error.",
+        f" {own}. "
+        + (
+            "Within [0, 1], as all albedos that were seen." if fit.clamped else "Not clamped: it exceeds 1 where the BRDF does."
+        ),
         f"Largest error seen: {fit.max_error:.3g} (rms {fit.rms_error:.2g}) on {fit.checked[0]} x {fit.checked[1]} points and"
         f" around the worst one, at {', '.join(f'{key} = {value:.6g}' for key, value in fit.where.items())};"
         f" the bar of the quadrature, {fit.table_error:.1g}, is included."

@@ -32,7 +32,7 @@ _FOLD = 0.3
 _NOISE = 0.1
 _LARGER, _LARGEST = 3, 0.02
 # What a crest may still gain that runs across the axes, relative to the value.
-_CREST = 2e-3
+CREST = 2e-3
 # In how many rounds the curvature must grow as stencils shrink, in differences above this, for a kink to be one.
 _KINK_ROUNDS, _SHARP = 3, 1e-6
 # Stencils so small that a smooth surface is flat across them.
@@ -90,6 +90,7 @@ def climb(
     drop: float = np.inf,
     calm: int = 2,
     reach: float = np.inf,
+    crest: float = CREST,
     check: Callable[[], None] = lambda: None,
 ) -> Climbs:
     """Climb from each of `starts` (climbs, dimension), with stencils of `radii` at first.
@@ -97,7 +98,8 @@ def climb(
     `goal`: the gain below which a maximum counts as reached, relative to max(|value|, 1); `smallest`: where stencils stop to
     shrink; `mixed`: mixed second derivatives (climbs, dimension, dimension) that are known, which saves the points for them;
     `drop`: how far below the best a climb is given up; `calm`: after how many rounds with little to gain it has ended; `reach`:
-    how far from its start a climb goes, about, before it is stopped; `check` is called once a round.
+    how far from its start a climb goes, about, before it is stopped; `crest`: what a crest across the axes may still gain where
+    there is a kink; `check` is called once a round.
     """
     count, dimension = starts.shape
     value, error = function(starts)
@@ -158,7 +160,7 @@ def climb(
         state.kinked[which] = bends[which] >= _KINK_ROUNDS
         # A small stencil over a jump is steep without end: it promises no more than some of its own differences.
         promised = np.minimum(np.maximum(gain, kink), np.where(radius < 1e-3, 10 * model.spread, np.inf))
-        hidden = np.where(state.kinked[which], _CREST * np.maximum(np.abs(state.values[which]), 1), 0)
+        hidden = np.where(state.kinked[which], crest * np.maximum(np.abs(state.values[which]), 1), 0)
         # A kink between the nodes of the smallest stencils is no higher than the surface falls across them.
         sides = np.where(radius < _SMALL, np.max(np.where(model.pressed, 0, model.rises), axis=1), 0)
         state.gaps[which] = np.maximum(promised + np.maximum(top - before, 0), np.maximum(hidden, sides))

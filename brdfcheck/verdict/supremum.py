@@ -24,7 +24,7 @@ import numpy as np
 
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo, TwoSided
 from brdfcheck.runtime import keep_freed_memory
-from brdfcheck.verdict.climb import Climbs, Trail, climb
+from brdfcheck.verdict.climb import CREST, Climbs, Trail, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
 from brdfcheck.verdict.scan import Points, Scan
@@ -103,25 +103,27 @@ def supremum(
     intervals: bool = True,
     rtol: float | None = None,
     effort: str = "normal",
+    axial: bool = False,
     watch: Watch | None = None,
 ) -> Supremum:
     """The largest albedo of the family behind `albedo` over its box of parameters, cosines and azimuths.
 
     `intervals`: for a family of one parameter whose albedo exceeds `threshold`, also find where it does. `rtol`: the accuracy
     of the confirmed albedos, by default the best. `effort`: one of `EFFORTS`, how many points are scanned, as far as that is
-    `affordable`. A value that is not a number is returned as such where nothing else was found. Raises Finding where a user's
-    BRDF fails.
+    `affordable`. `axial`: all kinks are known to run along the axes, as those of look-ups do. A value that is not a number is
+    returned as such where nothing else was found. Raises Finding where a user's BRDF fails.
     """
     keep_freed_memory()
     watch = watch or (lambda points, best: None)
     try:
-        search = _Search(albedo, threshold, rtol, effort, watch)
+        search = _Search(albedo, threshold, rtol, effort, axial, watch)
         with np.errstate(all="ignore"):
             found = search.run()
             search.surface.confirm_sides(search.winner)
     except TwoSided:  # found out late: from now on both sides of the plane of incidence are looked at
         albedo.mirrored = False
-        return supremum(albedo, threshold=threshold, intervals=intervals, rtol=rtol, effort=effort, watch=watch)
+        again = {"threshold": threshold, "intervals": intervals, "rtol": rtol, "effort": effort, "axial": axial}
+        return supremum(albedo, watch=watch, **again)
     box = search.surface.box
     # Between the two values of a switch there is nothing.
     if intervals and len(box.swept) == 1 and not albedo.family.switches & {*box.swept} and not np.isnan(found.value):
@@ -133,7 +135,9 @@ def supremum(
 class _Search:
     """One search: its surface, what it has scanned, and what it has confirmed."""
 
-    def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, watch: Watch):
+    def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, axial: bool, watch: Watch):
+        # What a climb allows for where a kink may run across the axes.
+        self.crest = 0.0 if axial else CREST
         self.bounded = albedo.bounded and threshold >= 1
         self.costly = albedo.family.surface is not None
         # Where the verdict is a theorem's, only the value is left to look for.
@@ -223,6 +227,7 @@ class _Search:
                 rounds=40 if last else 24,
                 smallest=surface.step(1e-12 if surface.fast and last else 1e-8 if last else 1e-4),
                 drop=1e-2 if level else 5e-2,
+                crest=self.crest,
                 check=self.tell,
             )
             self.confirm.poles(ends, level)

@@ -131,6 +131,41 @@ def of_formula(name: str, count: int) -> dict[str, Any]:
     return {**told(name, best), "bias": float(np.max(np.abs(bias - exact(count, "centres", True, masking, 0))))}
 
 
+def sampled(count: int = 64, samples: int = 1024) -> list[dict[str, Any]]:
+    """How far the table is off that Filament makes: texels of 1,024 half vectors each, by its method, not from its file.
+
+    These are Hammersley points by the distribution of normals, with height-correlated masking. Twice: at the roughness that
+    each row is computed for, which is (h - y + 1/2)/h for row y of h, at most 1; and as if it were that of the middle of its
+    texel, (h - y - 1/2)/h.
+    """
+    nodes = nodes_of(count, "centres")
+    computed = np.minimum(nodes + 1 / count, 1)
+    values = np.stack([_by_half_vectors(roughness**2, nodes, samples) for roughness in computed])
+    found = albedo_table(lambda alpha: GGX(alpha, masking="smith-correlated"), computed**2, nodes)
+    words = f"{samples} half vectors a cell, smith-correlated"
+    ways = {
+        "Filament's method": Reading(f"{words}, at its own roughness", values, np.asarray(found.value), computed),
+        "Filament's, by texels": Reading(
+            f"{words}, at texels", values, exact(count, "centres", True, "smith-correlated", 1), nodes
+        ),
+    }
+    return [{**told(name, reading), "bias": None} for name, reading in ways.items()]
+
+
+def _by_half_vectors(alpha: float, mu: np.ndarray, samples: int) -> np.ndarray:
+    """Albedos of GGX as means over Hammersley points, half vectors distributed as D cos: (mu,)."""
+    index = np.arange(samples)
+    turn = 2 * np.pi * index / samples
+    radical = sum(((index >> bit) & 1) * 0.5 ** (bit + 1) for bit in range(samples.bit_length()))
+    height = np.sqrt((1 - radical) / (1 + (alpha * alpha - 1) * radical))
+    mu = mu[:, None]
+    meets = height * mu + np.sqrt((1 - height**2) * (1 - mu * mu)) * np.cos(turn)
+    out = np.clip(2 * meets * height - mu, 1e-12, 1)
+    masked = [light * np.sqrt(view**2 * (1 - alpha**2) + alpha**2) for light, view in ((out, mu), (mu, out))]
+    value = 2 * out * meets / (height * (masked[0] + masked[1]))
+    return np.mean(np.where((2 * meets * height > mu) & (meets > 0), value, 0), axis=1)
+
+
 def of_file(path: str) -> dict[str, Any]:
     """How far the table in a file is off: FILE or FILE#ARRAY, as for `square_table`."""
     return {**told(Path(path).name, min(_readings(square_table(path)), key=_middle)), "bias": None}
