@@ -7,6 +7,7 @@ import sys
 import threading
 
 import pytest
+from threadpoolctl import threadpool_info
 
 from brdfcheck import cores
 
@@ -30,12 +31,15 @@ def test_one_core_is_one_core_for_every_thread():
 
     thread = threading.Thread(target=look)
     thread.start()
+    threads = [library["num_threads"] for library in threadpool_info()]
     with cores.on_one_core():
         assert cores.available_cores() == before[:1]
+        assert all(library["num_threads"] == 1 for library in threadpool_info())
         go.set()
         thread.join()
     assert seen == [before[:1]]
     assert cores.available_cores() == before
+    assert [library["num_threads"] for library in threadpool_info()] == threads
 
 
 def test_side_by_side_is_one_after_the_other_inside(monkeypatch):
