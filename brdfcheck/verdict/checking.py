@@ -145,8 +145,10 @@ def check_family(
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
         elif tolerance >= 0 and albedo is not None and albedo.evaluator is None:
             # Of what is above 1, or not: a proof says nothing about a lower line. For a violation one point is enough.
-            proof = _proof(family, worst.parameters) if verdict is Verdict.VIOLATES else None
-            proof = proof or _proof(family)
+            violates, runs = verdict is Verdict.VIOLATES, any(low < high for low, high in family.ranges.values())
+            proof = _proof(family, worst.parameters) if violates else None
+            if proof is None and (runs or not violates):  # of one BRDF that has been asked
+                proof = _proof(family)
             if verdict is Verdict.VIOLATES and proof is Verdict.VIOLATES:
                 worst = replace(worst, basis="proof")
             elif verdict is not Verdict.VIOLATES and np.isfinite(worst.value) and proof is Verdict.CONSERVES:
