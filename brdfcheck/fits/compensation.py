@@ -12,14 +12,12 @@ exceeds the look-up in the cells around it; then it conserves, and what it still
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from brdfcheck.brdf.callables import Finding
 from brdfcheck.brdf.family import Family
 from brdfcheck.fits.grids import Sampler
 from brdfcheck.fits.renderer import RendererTable, cells
@@ -111,14 +109,9 @@ def compensation(table: RendererTable, rtol: float | None = None, row: Callable[
 
 
 def covered(table: RendererTable) -> Family:
-    """The target of a table over all of its range; from a tenth of the first node on where it is nothing at the beginning."""
-    name, (low, high) = table.grid.parameter, table.bounds
-    whole = replace(table.sources.family, ranges={name: (low, high)})
-    with contextlib.suppress(ValueError, Finding):
-        if np.isfinite(Sampler(whole, _SEARCHED).at(np.array([low]), np.array([0.5]))[0]):
-            return whole
-    first = float(table.grid.nodes[0])
-    return replace(whole, ranges={name: (low + _BEGINS * (first - low), high)})
+    """The target of a table over all of its range; where it is nothing at the beginning, from a tenth of the first node on."""
+    ((name, (begins, high)),), low = table.sources.family.ranges.items(), table.bounds[0]
+    return replace(table.sources.family, ranges={name: (low + _BEGINS * (begins - low), high)})
 
 
 class Cover:

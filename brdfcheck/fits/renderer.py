@@ -261,12 +261,18 @@ def renderer_table(
     if len(size) != 2 or any(not isinstance(part, int) or part < 2 for part in size):
         raise ValueError(f"size must be two whole numbers >= 2, ROWSxCOLUMNS; got {size!r}")
     with double_precision():
-        # At 0 there may be no BRDF: facets of no roughness are none.
-        found, bounds = sources(
-            target, ranges or {}, lambda low, high: low or float(axis(low, high, size[0], placement)[0]), reading, cos_theta
-        )
+        given = ranges or {}
+        try:
+            found, bounds = sources(target, given, lambda low, _: low, reading, cos_theta)
+            exists = _exists_at_first(found.family)
+        except ValueError:
+            exists = False
+        if not exists:  # facets of no roughness are none
+            found, bounds = sources(
+                target, given, lambda low, high: float(axis(low, high, size[0], placement)[0]), reading, cos_theta
+            )
         family, low, high = found.family, *found.family.cos_theta
-        nodes, mu = axis(*bounds, size[0], placement), axis(low, high, size[1], placement)
+        nodes, mu = axis(bounds[0], bounds[1], size[0], placement), axis(low, high, size[1], placement)
         sampler = Sampler(family, rtol)
         engine, whole = sampler.albedo, (low, high) == (0.0, 1.0)
         rules = [gauss(count) for count in _AVERAGE[engine.effort > 1]] if whole else []
@@ -289,6 +295,12 @@ def renderer_table(
         average = _average(values[:, len(mu) :], bars[:, len(mu) :], rules) if whole else None
         table = RendererTable(found, grid, bounds, placement, average, None, None, found.why)
         return _with_split_sum(table, rtol, row)
+
+
+def _exists_at_first(family: Family) -> bool:
+    """True where the albedo is a number at the beginning of the range, which may be in doubt where that is 0."""
+    ((low, _),) = family.ranges.values()
+    return low != 0 or bool(np.isfinite(Sampler(family, _FUNCTIONS).at(np.array([low]), np.array([0.5]))[0][0]))
 
 
 def _with_split_sum(table: RendererTable, rtol: float | None, row: Callable[[], None]) -> RendererTable:
