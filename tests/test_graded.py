@@ -16,6 +16,8 @@ RULES = (
     GradedRule(10, 4, 4, 5, 1e-3),
     GradedRule(20, 8, 7, 9, 1e-4),
     GradedRule(39, 14, 12, 18, 1e-6),
+    GradedRule(22, 8, 9, 10, 1e-4),
+    GradedRule(42, 14, 12, 18, 1e-6),
 )
 COSINES = np.concatenate([10.0 ** -np.arange(0, 10.0), np.linspace(0.01, 0.999, 30)])
 
@@ -42,7 +44,7 @@ def test_nodes_fill_the_hemisphere_at_every_angle(rule: GradedRule):
     np.testing.assert_allclose(np.linalg.norm(wo, axis=0), 1, rtol=1e-13)
     assert np.all(wo[2] > 0)
     assert np.all(weight >= 0)
-    tolerance = {7: 2e-2, 10: 5e-3, 20: 2e-5, 39: 1e-7}[rule.radial]
+    tolerance = {7: 2e-2, 10: 5e-3, 20: 2e-5, 22: 2e-5, 39: 1e-7, 42: 1e-7}[rule.radial]
     np.testing.assert_allclose(weight.sum(axis=1), np.pi, rtol=tolerance)
     # Moments: each half, each side of the plane of incidence, cos^2.
     x, y, z = wo

@@ -38,13 +38,13 @@ TABULATED = 1e-5
 GRAZING = 1e-9
 """The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
 
-# The rules of the levels, from coarse to fine, on one side of the plane of incidence; they fill blocks of directions, and so do
-# they with their mirror images. The first one has a companion of half its size: their difference is its error.
-_LEVELS = (
-    (GradedRule(10, 4, 4, 5, 1e-3, half=True), GradedRule(7, 3, 3, 3, 1e-3, half=True)),
-    (GradedRule(20, 8, 7, 9, 1e-4, half=True),),
-    (GradedRule(39, 14, 12, 18, 1e-6, half=True),),
-)
+# The rules of the levels, from coarse to fine, on one side of the plane of incidence; by how many sides are asked, so that they
+# fill blocks of directions. The first one has a companion of half its size: their difference is its error.
+_COARSE = (GradedRule(10, 4, 4, 5, 1e-3, half=True), GradedRule(7, 3, 3, 3, 1e-3, half=True))
+_LEVELS = {
+    1: (_COARSE, (GradedRule(22, 8, 9, 10, 1e-4, half=True),), (GradedRule(42, 14, 12, 18, 1e-6, half=True),)),
+    2: (_COARSE, (GradedRule(20, 8, 7, 9, 1e-4, half=True),), (GradedRule(39, 14, 12, 18, 1e-6, half=True),)),
+}
 # An albedo below which a difference of the sides is compared with this.
 _DARK = 1e-3
 # The accuracy of the albedos of which one side is compared with both.
@@ -152,7 +152,7 @@ class PointwiseAlbedo:
         One where a theorem has the verdict and a point is cheap: a second program to compile takes longer than what it saves.
         """
         if self.evaluator is not None:
-            return len(_LEVELS)
+            return len(_LEVELS[1])
         return 1 if self.bounded and self.family.surface is None else 1 + self.engine.effort
 
     @property
@@ -221,7 +221,7 @@ class PointwiseAlbedo:
         if self.evaluator is None:
             return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
         mu, sides = np.maximum(cos_theta, GRAZING), 1 if self.mirrored else 2
-        return self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[level], sides=sides)
+        return self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[sides][level], sides=sides)
 
     def look_at_sides(self) -> None:
         """Take a function on one side of the plane of incidence from now on, unless pairs or an estimate so far differ."""
