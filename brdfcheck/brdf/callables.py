@@ -23,8 +23,8 @@ from brdfcheck.brdf.calling import name_of as name_of
 from brdfcheck.brdf.ways import Caller, calm, sample
 from brdfcheck.runtime import double_precision, understood
 
-BLOCK = 1140
-"""Directions of a row: what a program takes for one incidence."""
+BLOCK = 1144
+"""Directions of a row: what a program takes for one incidence. Rows must begin at multiples of `ALIGNED` bytes."""
 # Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
 # asked, and a small request is cheap. On a CPU a row at a time stays in the fastest memory and on one core: XLA gains nothing
 # by sharing so little work out. The rows may be any of so many more rows of directions, the `_TABLE`.

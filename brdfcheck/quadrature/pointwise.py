@@ -38,12 +38,14 @@ TABULATED = 1e-5
 GRAZING = 1e-9
 """The cosine at which functions are integrated for grazing light; what happens in the limit is extrapolated."""
 
-# The rules of the levels, from coarse to fine, on one side of the plane of incidence; by how many sides are asked, so that they
-# fill blocks of directions. The first one has a companion of half its size: their difference is its error.
-_COARSE = (GradedRule(10, 4, 4, 5, 1e-3, half=True), GradedRule(7, 3, 3, 3, 1e-3, half=True))
+# The rules of the levels, from coarse to fine, for one side of the plane of incidence and for both, so that they fill blocks of
+# directions. The first one has a companion of half its size: their difference is its error.
 _LEVELS = {
-    1: (_COARSE, (GradedRule(22, 8, 9, 10, 1e-4, half=True),), (GradedRule(42, 14, 12, 18, 1e-6, half=True),)),
-    2: (_COARSE, (GradedRule(20, 8, 7, 9, 1e-4, half=True),), (GradedRule(39, 14, 12, 18, 1e-6, half=True),)),
+    sides: ((GradedRule(10, 4, 4, 5, 1e-3, sides == 1), GradedRule(7, 3, 3, 3, 1e-3, sides == 1)), *finer)
+    for sides, finer in (
+        (1, ((GradedRule(22, 8, 9, 10, 1e-4, half=True),), (GradedRule(42, 14, 12, 18, 1e-6, half=True),))),
+        (2, ((GradedRule(20, 8, 7, 9, 1e-4),), (GradedRule(39, 14, 12, 18, 1e-6),))),
+    )
 }
 # An albedo below which a difference of the sides is compared with this.
 _DARK = 1e-3
@@ -221,7 +223,8 @@ class PointwiseAlbedo:
         if self.evaluator is None:
             return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
         mu, sides = np.maximum(cos_theta, GRAZING), 1 if self.mirrored else 2
-        return self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[sides][level], sides=sides)
+        watched = sides == 2 and level == 0 and not (self.anisotropic or self.two_sided)
+        return self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[sides][level], watched=watched)
 
     def look_at_sides(self) -> None:
         """Take a function on one side of the plane of incidence from now on, unless pairs or an estimate so far differ."""
@@ -270,16 +273,15 @@ class PointwiseAlbedo:
         mu: np.ndarray,
         azimuth: np.ndarray,
         *rules: Rule,
-        sides: int = 1,
+        watched: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
         """By a fixed rule, shapes as for `adaptive`; the difference to a second one is the error.
 
-        `sides`: 2 for its nodes and their mirror images.
+        `watched`: the first rule is one of both sides of the plane of incidence, which are compared.
         """
         size = sum(rule.size for rule in rules)
-        rows = -(-sides * size // BLOCK)
+        rows = -(-size // BLOCK)
         # Sums by each rule, and the difference of the sides.
-        watched = sides == 2 and len(rules) > 1
         sums_of = len(rules) + watched
         sine = np.sqrt((1 - mu) * (1 + mu))
         wi = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=1)
@@ -289,22 +291,19 @@ class PointwiseAlbedo:
         def piece(points: np.ndarray) -> None:
             # Points of the same cosine share their nodes.
             cosines, which = np.unique(mu[points], return_inverse=True)
-            share = np.zeros((len(cosines), sums_of, rows * BLOCK))
+            share = np.empty((len(cosines), sums_of, rows * BLOCK))
             space = evaluator.space(len(cosines) * rows)
             wo = space[:, : len(cosines) * rows].reshape(3, len(cosines), -1)
             start = 0
             for number, rule in enumerate(rules):
                 end = start + rule.size
                 rule.fill(cosines, wo[..., start:end], share[:, number, start:end])
+                share[:, number, :start], share[:, number, end:] = 0, 0
                 start = end
-            if sides == 2:
-                end = 2 * size
-                wo[..., size:end] = wo[..., :size]
-                np.negative(wo[1, :, :size], out=wo[1, :, size:end])
-                share /= 2
-                share[..., size:end] = share[..., :size]
-                if watched:
-                    share[:, -1, :size], share[:, -1, size:end] = share[:, 0, :size], -share[:, 0, :size]
+            if watched:  # the first half of the nodes lies on one side
+                half = rules[0].size // 2
+                share[:, -1] = share[:, 0]
+                share[:, -1, half : 2 * half] *= -1
             wo[..., end:] = wo[..., end - 1 : end]
             sums = evaluator.sums(
                 parameters[points][:, self._columns],
