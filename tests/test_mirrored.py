@@ -11,7 +11,6 @@ from brdfcheck.brdf.microfacet import GGX
 from brdfcheck.quadrature import pointwise
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo, TwoSided
-from brdfcheck.verdict import scan
 from brdfcheck.verdict.supremum import supremum
 
 
@@ -39,12 +38,42 @@ def test_what_is_reflected_to_one_side(sign: float, width: float):
 
 def test_what_is_found_out_late(monkeypatch: pytest.MonkeyPatch):
     """The side that is asked has all of it, which the albedo of both sides at the winner tells."""
-    monkeypatch.setattr(scan, "_BOTH_SIDES", 10**9)  # the first corner alone is seen on both sides
-    monkeypatch.setattr(pointwise, "has_two_sides", lambda *_: False)
+    searches = []
+
+    def sees_nothing(albedo: PointwiseAlbedo) -> None:
+        albedo.two_sided, albedo.mirrored = False, not searches
+        searches.append(albedo)
+
+    monkeypatch.setattr(PointwiseAlbedo, "look_at_sides", sees_nothing)
     albedo = lopsided(1.0, 0.3)
     found = supremum(albedo)
-    assert albedo.two_sided
+    assert len(searches) == 2
     assert abs(found.value - 1.05) <= found.error < 1e-6
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_window_that_every_fourth_point_of_a_scan_misses(sign: float):
+    # 10 % of p by 8 degrees: 0.999 it was for the side that is not asked.
+    def build(p):
+        def brdf(wi, wo):
+            theta = jnp.degrees(jnp.arccos(jnp.clip(wi[..., 2], -1, 1)))
+            inside = (jnp.abs(p - 0.2282) < 0.05) & (jnp.abs(theta - 59.45) < 4)
+            side = sign * (wi[..., 1] * wo[..., 0] - wi[..., 0] * wo[..., 1])
+            return jnp.where(inside, 1.05 * (1 + 0.9 * side), 0.999) / jnp.pi
+
+        return brdf
+
+    found = supremum(PointwiseAlbedo(Family("window", build, {"p": (0.0, 1.0)})), intervals=False)
+    assert abs(found.value - 1.05) <= found.error + 1e-9 < 1e-6
+
+
+def test_a_later_scan_that_sees_two_sides():
+    albedo = lopsided(1.0, 0.3)
+    albedo.mirrored = True
+    place = np.array([[0.6]]), np.array([0.5]), np.zeros(1)
+    albedo.estimate(*place, 0)
+    with pytest.raises(TwoSided):
+        albedo.estimate(*place, 0, both=True)
 
 
 def test_both_sides_are_told_apart_at_a_place(monkeypatch: pytest.MonkeyPatch):

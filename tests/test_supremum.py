@@ -93,7 +93,7 @@ class Planted(PointwiseAlbedo):
     def channels(self, parameters, cos_theta, azimuth, *, rtol=None):
         return self(parameters, cos_theta, azimuth)
 
-    def estimate(self, parameters, cos_theta, azimuth, level):
+    def estimate(self, parameters, cos_theta, azimuth, level, *, both=False):
         value, error = self(parameters, cos_theta, azimuth)
         if not self._function:
             return value, error

@@ -36,7 +36,7 @@ _LAST_ROUNDS = 12
 _BESIDE, _ON = 8e-6, 1e-13
 _AZIMUTHS = 32
 # The radius (radians) about a seed inside which directions are not told apart well enough.
-_BLUR = 1e-13
+_BLUR = 1e-11
 # How many roundings an evaluation is taken to contain; from what size on a number counts as infinite.
 _ROUNDINGS = 16
 _INFINITE = 1e290
@@ -207,8 +207,9 @@ def _rises_without_end(sums: np.ndarray, halvings: np.ndarray) -> np.ndarray:
     steps = np.diff(sums, axis=0)[-_LAST_ROUNDS:]
     if len(steps) < _LAST_ROUNDS:
         return np.zeros(sums.shape[1], bool)
-    half, rates = _LAST_ROUNDS // 2, steps / halvings[-_LAST_ROUNDS:, None]
-    lasting = np.all(steps > 0, axis=0) & (rates[half:].mean(axis=0) > 0.9 * rates[:half].mean(axis=0))
+    half, lasting = _LAST_ROUNDS // 2, np.all(steps > 0, axis=0)
+    for rise in (steps, steps / halvings[-_LAST_ROUNDS:, None]):  # a round of many halvings among others proves neither
+        lasting &= rise[half:].mean(axis=0) > 0.9 * rise[:half].mean(axis=0)
     return lasting & (steps.sum(axis=0) > 0.01 * np.abs(sums[-1]))  # rounding may creep up, but not that far
 
 

@@ -208,23 +208,27 @@ class PointwiseAlbedo:
         return found
 
     def estimate(
-        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int, *, both: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """A quick estimate, and for the coarsest level of a function how far it may be off (else 0: compare the levels).
 
-        Shapes as for a call. `level` counts from 0, the coarsest.
+        Shapes as for a call. `level` counts from 0, the coarsest, which looks at `both` sides of the plane of incidence where
+        one is taken for both: TwoSided where it is not.
         """
-        return worst_channel(*self.estimated_channels(parameters, cos_theta, azimuth, level))[:2]
+        return worst_channel(*self.estimated_channels(parameters, cos_theta, azimuth, level, both=both))[:2]
 
     def estimated_channels(
-        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int, *, both: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Like `estimate`, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
         if self.evaluator is None:
             return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
-        mu, sides = np.maximum(cos_theta, GRAZING), 1 if self.mirrored else 2
+        mu, sides = np.maximum(cos_theta, GRAZING), 1 if self.mirrored and not both else 2
         watched = sides == 2 and level == 0 and not (self.anisotropic or self.two_sided)
-        return self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[sides][level], watched=watched)
+        found = self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[sides][level], watched=watched)
+        if self.mirrored and self.two_sided:
+            raise TwoSided
+        return found
 
     def look_at_sides(self) -> None:
         """Take a function on one side of the plane of incidence from now on, unless pairs or an estimate so far differ."""

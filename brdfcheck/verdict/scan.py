@@ -10,15 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from brdfcheck.quadrature.anisotropy import CLEAN, TREMORS, apart
-from brdfcheck.quadrature.pointwise import TwoSided
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
 _POINTS = (2048, 4096, 9216, 9216)
 # Values of the cosine in a scan of a function.
 _COSINES = 513
-# One of so many points of the first scan is looked at on both sides of the plane of incidence.
-_BOTH_SIDES = 4
 # Into how many parts the angles are divided, each with its share of the starts.
 _SHARES = 8
 # How many points of a scan may be looked at by the second and the third rule, and how many at the end by the third.
@@ -71,8 +68,9 @@ class Scan:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
         box = surface.box
-        self.points = self._first(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]))
+        self.points = self._glance(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]))
         self._straighten()
+        surface.albedo.look_at_sides()
         self._refine(self.points, -np.inf)
 
     def again(self, turn: int, best: float, winner: np.ndarray, odd: np.ndarray) -> Points:
@@ -96,17 +94,8 @@ class Scan:
         self._refine(found, best)
         return found
 
-    def _first(self, places: np.ndarray) -> Points:
-        """The first glance, which tells whether one side of the plane of incidence is enough for the others."""
-        both = np.arange(len(places)) % _BOTH_SIDES == 0
-        if self.surface.fast:
-            return self._glance(places)
-        points = self._glance(places[both])
-        self.surface.albedo.look_at_sides()
-        return points.joined(self._glance(places[~both]))
-
     def _glance(self, places: np.ndarray) -> Points:
-        value, error = self.surface.estimate(0, places)
+        value, error = self.surface.estimate(0, places, both=True)
         return Points(places, value, error, np.zeros(len(value), int))
 
     def _refine(self, points: Points, best: float) -> None:
@@ -158,9 +147,6 @@ class Scan:
                 here, there = (self._turned(places[suspects], *(turn + TREMORS)) for turn in _TURNS)
                 told = apart(here, there, clean)
             albedo.anisotropic = bool(np.any(told))
-            if albedo.anisotropic and albedo.mirrored:
-                albedo.two_sided = True
-                raise TwoSided
         if not albedo.anisotropic:
             surface.without_azimuth()
             points.places = points.places[:, :-1]

@@ -80,11 +80,11 @@ class Surface:
         """True where light may graze a function's surface: what happens there is a limit."""
         return self.box.has_angle and self.box.cosines[0] == 0 and not self.fast
 
-    def estimate(self, level: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By the rule of a level. What is not a number is nothing to climb to."""
+    def estimate(self, level: int, places: np.ndarray, *, both: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """By the rule of a level. What is not a number is nothing to climb to. `both`: see `PointwiseAlbedo.estimate`."""
         self.count += len(places)
         with np.errstate(all="ignore"):
-            value, error = self.albedo.estimate(*self.box.physical(places), level)
+            value, error = self.albedo.estimate(*self.box.physical(places), level, both=both)
         unknown = np.isnan(value)
         if len(self._lost) < _LOST:
             self._lost += list(places[np.flatnonzero(unknown)[:: max(1, np.count_nonzero(unknown) // 3)]])
