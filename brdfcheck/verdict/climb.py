@@ -34,7 +34,7 @@ _LARGER, _LARGEST = 3, 0.02
 # What a crest may still gain that runs across the axes, relative to the value.
 CREST = 2e-3
 # In how many rounds the curvature must grow as stencils shrink, in differences above this, for a kink to be one.
-_KINK_ROUNDS, _SHARP = 3, 1e-6
+_KINK_ROUNDS, _SHARP = 3, 1e-8
 # Stencils so small that a smooth surface is flat across them.
 _SMALL = 1e-7
 

@@ -215,7 +215,7 @@ class _Search:
         kept = (len(chosen), 5 if surface.fast else 10, 5)
         ends: Climbs | None = None
         trails: dict[int, Trail] = {}
-        doubt = points.errors[chosen]
+        doubt, kinked = points.errors[chosen], np.zeros(len(chosen), bool)
         for level in range(first, surface.finest + 1):
             last = level == surface.finest
             ends = climb(
@@ -230,6 +230,7 @@ class _Search:
                 crest=self.crest,
                 check=self.tell,
             )
+            ends.kinked |= kinked  # the short stencils that a finer rule begins with may not see it any more
             self.confirm.poles(ends, level)
             if self.confirm.unbounded is not None:
                 return
@@ -241,7 +242,7 @@ class _Search:
                 keep = keep[self.unknown(Trail(ends.places, finer).taken(keep), level)]
                 if not keep.size:
                     break
-                doubt = doubt[keep]
+                doubt, kinked = doubt[keep], ends.kinked[keep] & (level > 0)
                 trails = {
                     **{key: trail.taken(keep) for key, trail in trails.items()},
                     level: Trail(ends.places, finer).taken(keep),
