@@ -314,6 +314,43 @@ def test_the_baseline_is_written_and_taken_away(run: Run, write: Write, here: Pa
     assert path.read_text() == before
 
 
+ALL = '[[subjects]]\ntarget = "mine.py:*"\nexpect = { violates = 1.06, findings = ["reciprocal"], reason = "old scenes" }\n'
+SHINY = (
+    MINE
+    + """
+    def one_way():
+        return lambda wi, wo: 0.1 * wi[..., 2] * wo[..., 2] ** 0
+
+    __all__ = ["bright", "one_way", "zero"]
+
+    def zero():
+        return Lambert(0.0)
+    """
+)
+
+
+def test_what_a_filter_leaves_out_is_still_known(run: Run, write: Write) -> None:
+    write("mine.py", SHINY)
+    path = write("brdfcheck.toml", ALL)
+    code, out, _ = run("check", "-k", "bright")
+    assert code == ExitCode.PASSED
+    assert "out of date" not in out
+    code, out, _ = run("check", "-k", "zero", "--update-baseline")
+    assert code == ExitCode.PASSED
+    assert "1 known, 0 changed" in out
+    assert path.read_text() == ALL
+
+
+def test_what_cannot_be_evaluated_at_present_is_still_known(run: Run, write: Write) -> None:
+    write("mine.py", SHINY.replace("0.1 * wi", "1 / 0 * wi"))
+    path = write("brdfcheck.toml", ALL)
+    run("check", "--update-baseline")
+    found = tomllib.loads(path.read_text())["subjects"][0]["expect"]
+    assert found["findings"] == ["reciprocal"]
+    assert found["reason"] == "old scenes"
+    assert found["violates"] == pytest.approx(1.06)
+
+
 def test_what_the_baseline_accepts_from_now_on_is_no_failure(run: Run, write: Write) -> None:
     write("brdfcheck.toml", GATE)
     code, out, _ = run("check", "--update-baseline", "--quiet")

@@ -252,7 +252,7 @@ def _run(
     settings |= {"tolerance": min(tolerances), "own_tolerances": len(tolerances) > 1}  # each report says its own
 
     def line(report: Report, expect: Known | None) -> None:
-        (report,) = judged([report], expect)
+        (report,) = judged([report], expect, part=True)
         if not (output.is_terminal or (quiet and report.passed) or lost):
             output.line(console.plain_line(report, width, claims.get(report.name)))
 
@@ -271,7 +271,7 @@ def _run(
     reports: list[Report] = []
     for _, own in itertools.groupby(range(len(cases)), lambda index: id(cases[index].request)):
         indices = list(own)
-        reports += judged([found[index] for index in indices], expected[indices[0]])
+        reports += judged([found[index] for index in indices], expected[indices[0]], part=cases[indices[0]].request.part)
     told = [report for report in reports if not lost and (not quiet or not report.passed or report.stale)]
     if output.is_terminal and told:
         console.report_table(output.console, told, list(claims.values()) or None)

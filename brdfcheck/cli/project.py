@@ -107,7 +107,7 @@ def filtered(requests: Sequence[Request], substring: str, modules: dict[str, Any
         kept = (name for name in every if substring.lower() in name.lower() or name.endswith(":*"))
         names = tuple(dict.fromkeys(kept))
         if names:
-            found.append(request if names == request.names else replace(request, names=names))
+            found.append(request if names == request.names else replace(request, names=names, part=names != tuple(every)))
     if not found:
         listed = "; brdfcheck list shows all names" if all(request.index is None for request in requests) else ""
         raise NothingToCheck(f"nothing to check: no name contains {substring!r}{listed}")
@@ -131,7 +131,7 @@ def update(gate: Gate, cases: Sequence[Case], reports: Sequence[Report], output:
     found: dict[int | None, Known | None] = {}
     for index, request in {case.request.index: case.request for case in cases}.items():
         own = [report for case, report in zip(cases, reports, strict=True) if case.request.index == index]
-        found[index] = needed(own, request.expect)
+        found[index] = needed(own, request.expect, part=request.part)
     changed = {case.request.index for case in cases if found[case.request.index] != case.request.expect}
     if changed:
         text = updated(gate, {index: found[index] for index in changed if index is not None})

@@ -124,7 +124,7 @@ def _fit_average(
     low, high = family.ranges[parameter]
     root = low >= 0 and high > 10
     with double_precision():
-        few, many = (1, 1) if low == high else sizes
+        few, many = (2, 1) if low == high else sizes  # a constant is p / q: two coefficients
         t = (1 - np.cos(np.pi * np.arange(few) / max(few - 1, 1))) / 2, np.linspace(0, 1, many)
         # Evenly in what the fit is a function of.
         ends = [1 / np.sqrt(end + 1) if root else end for end in (low, high)]

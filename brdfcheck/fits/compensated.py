@@ -88,9 +88,10 @@ class _Compensated(PointwiseAlbedo):
         return self.more(super().channels(parameters, cos_theta, azimuth, rtol=rtol), parameters, cos_theta)
 
     def estimated_channels(
-        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int
+        self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, level: int, *, both: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        return self.more(super().estimated_channels(parameters, cos_theta, azimuth, level), parameters, cos_theta)
+        found = super().estimated_channels(parameters, cos_theta, azimuth, level, both=both)
+        return self.more(found, parameters, cos_theta)
 
     def frozen(self, parameters: np.ndarray, cos_theta: float, azimuth: float, rtol: float) -> Frozen:
         return _Frozen(self, parameters, cos_theta, azimuth, rtol)

@@ -29,15 +29,15 @@ def defects(report: Report) -> list[str]:
     return found + [OTHER] * (len(report.findings) > len(found))
 
 
-def judged(reports: Sequence[Report], known: Known | None) -> list[Report]:
+def judged(reports: Sequence[Report], known: Known | None, *, part: bool = False) -> list[Report]:
     """The reports on one subject, which pass where what they found is known; notes say what is new or no longer so.
 
     What is known need be found in one of them only: a subject may be many values, or all that a file offers. The one with the
-    largest albedo notes what is in none.
+    largest albedo notes what is in none, unless the reports are on `part` of the subject.
     """
     if known is None:
         return list(reports)
-    gone = _gone(reports, known) if all(report.basis != "none" for report in reports) else []
+    gone = _gone(reports, known) if not part and all(report.basis != "none" for report in reports) else []
     largest = max(range(len(reports)), key=lambda index: (not reports[index].passed, reports[index].albedo), default=0)
     found = []
     for index, report in enumerate(reports):
@@ -83,17 +83,21 @@ def _gone(reports: Sequence[Report], known: Known) -> list[str]:
     return gone + [f"no finding {name!r}" for name in known.findings if name not in names]
 
 
-def needed(reports: Sequence[Report], before: Known | None) -> Known | None:
+def needed(reports: Sequence[Report], before: Known | None, *, part: bool = False) -> Known | None:
     """The violation to know for these reports on one subject; None where it has none. The reason is that of `before`.
 
-    Of what could not be evaluated, or read, nothing has been found out: what was known of it stays.
+    Of what could not be evaluated, or read, nothing has been found out, nor where the reports are on `part` of the subject of
+    the rest: there what was known stays, and what is found is added.
     """
     able = [report for report in reports if report.basis != "none"]
-    if not able:
-        return before
+    kept = before if part or len(able) < len(reports) else None
     above = [math.inf if report.unbounded else report.albedo for report in able if report.verdict.name == "VIOLATES"]
     undecided = any(report.verdict.name == "UNDECIDED" for report in able)
     names: list[Any] = list(dict.fromkeys(name for report in able for name in defects(report)))
+    if kept is not None:
+        above += [] if kept.violates is None else [kept.violates]
+        undecided |= kept.undecided
+        names = list(dict.fromkeys([*kept.findings, *names]))
     if not (above or undecided or names):
         return None
     today = f"found on {date.today().isoformat()}; say here why it is accepted"

@@ -33,8 +33,8 @@ class Request:
     """BRDFs that are checked under the same options; those of a project one at a time.
 
     `names`, `over`, `cos_theta`, `reading`: as for `brdfcheck.brdf.subject.resolve`; `tolerance`: None for that of each family;
-    `expect`: the violation that is accepted, None for none; `index`: which one of the project's subjects it is, `label`: how
-    messages call it, `place`: the file and line that list it.
+    `expect`: the violation that is accepted, None for none; `part`: some BRDFs of the subject were left out; `index`: which of
+    the project's subjects it is, `label`: how messages call it, `place`: the file and line that list it.
     """
 
     names: tuple[str, ...]
@@ -48,6 +48,7 @@ class Request:
     index: int | None = None
     label: str = ""
     place: tuple[str | None, int | None] = (None, None)
+    part: bool = False
 
     @property
     def asked(self) -> dict[str, Any]:

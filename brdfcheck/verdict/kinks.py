@@ -15,7 +15,8 @@ def crest(surface: Surface, place: np.ndarray, radius: float) -> tuple[float, bo
 
     Where the surface falls on both sides along every axis, no direction d rises from it faster than the sum over all axes but
     one of |d_i| times the jump of the slope there (for the least of smooth functions: of their superadditive derivative g,
-    g(d) <= g(d - d_i e_i) - g(-d_i e_i), and g <= 0 along the axis that is left); and a direction is no longer than the cube.
+    g(d) <= g(d - d_i e_i) - g(-d_i e_i), and g <= 0 along the axis that is left: one at whose end the place lies, and which has
+    no jump, or the one with the largest); and a direction is no longer than the cube.
     """
     step = max(_STEP, 5 * radius)
     bound, seen = _jumps(surface, place, step)
@@ -46,5 +47,5 @@ def _jumps(surface: Surface, place: np.ndarray, step: float) -> tuple[float, boo
     sharp, rounding = 4 * jump[1] - jump[0], 4 * noise[1] + noise[0]
     largest = (np.maximum(sharp, 0) + rounding) / 3
     # Twice, because the kink may be off the place by a part of the shorter step.
-    bound = 2 * float(np.sum(largest) - np.max(largest))
+    bound = 2 * float(np.sum(largest) - (np.max(largest) if np.all(free) else 0))
     return (bound if np.isfinite(bound) else np.inf), bool(np.any(sharp > rounding))
