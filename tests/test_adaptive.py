@@ -356,3 +356,19 @@ def test_wrong_arguments():
         integrate_hemisphere(lambda wo: wo[:, 2], 0.5, tolerance=0)
     with pytest.raises(ValueError, match="evaluate must return shape"):
         integrate_hemisphere(lambda wo: wo[:-1, 2], 0.5)
+
+
+def test_an_integrable_pole_at_a_seed_has_an_end():
+    # inf it was: so near to the pole that directions are rounded, the sum rose as noise does.
+    cosine, power = 0.9171, 1.9
+    wi = np.array([np.sqrt(1 - cosine**2), 0, cosine])
+
+    def value(wo):
+        return 0.03 * np.maximum(np.sum((wi + wo)[:, :2] ** 2, axis=1), 1e-300) ** (-power / 2)
+
+    found = integrate_hemisphere(value, cosine, tolerance=1e-8)
+    # Over the unit disc, in polar coordinates about the pole, to the rim.
+    sine, turn = np.sqrt(1 - cosine**2), np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
+    rim = np.sqrt(1 - (sine * np.sin(turn)) ** 2) - sine * np.cos(turn)
+    exact = 0.03 * 2 * np.pi * np.mean(rim ** (2 - power)) / (2 - power)
+    assert abs(float(found.value) - exact) <= float(found.error) < 0.1

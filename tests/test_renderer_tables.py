@@ -632,3 +632,10 @@ def test_a_function_that_fails_is_a_finding(run: Run, mine: Path) -> None:
     assert code == ExitCode.FAILED
     assert "undefined" in out + err
     assert not (mine / "E.csv").exists()
+
+
+def test_functions_of_one_row(run: Run, here: Path) -> None:
+    # "1 coefficients need at least as many points" it was, and no file was written.
+    assert run("table", "lambert", "--over", "reflectance=0.5", "-o", "l.glsl", "-o", "l.csv")[0] == ExitCode.PASSED
+    assert "lambert_average" in (here / "l.glsl").read_text()
+    assert (here / "l.csv").exists()

@@ -418,6 +418,17 @@ def test_a_quick_search_resolves_what_the_second_rule_does_not():
     assert found.width["angle"] < 1
 
 
+def test_a_weak_kink_across_the_axes_is_in_the_bar():
+    # Its slope is 5e-3, and that of its crest 1.5e-5: 4e-8 were missed with a bar of 2e-10.
+    def build(p, q):
+        u, v = -0.294 * (p - 0.4) - 0.956 * (q - 0.7), 0.956 * (p - 0.4) - 0.294 * (q - 0.7)
+        value = 1 + 2.4e-7 - 0.00492 * jnp.abs(u) - 1.5e-5 * jnp.maximum(v, -0.2 * v) - 2.5e-6 * (u**2 + v**2)
+        return lambda wi, wo: value / jnp.pi + 0 * wo[..., 2]
+
+    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
+    assert found.value + found.error >= 1 + 2.4e-7
+
+
 def not_finite(value: float) -> Surface:
     def surface(parameters, mu, _):
         return np.where((parameters[:, 0] > 500) & (mu < 0.1), value, 0.5)
