@@ -279,7 +279,7 @@ class PointwiseAlbedo:
         *rules: Rule,
         watched: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """By a fixed rule, shapes as for `adaptive`; the difference to a second one is the error.
+        """By a fixed rule, shapes as for `_adaptive`; the difference to a second one is the error.
 
         `watched`: the first rule is one of both sides of the plane of incidence, which are compared.
         """

@@ -284,9 +284,7 @@ class _Search:
 
     def unknown(self, ends: Trail, level: int) -> np.ndarray:
         """Which ends of climbs by the rule of a level are none from which the way is known."""
-        if level not in self.known:
-            return np.ones(len(ends.values), bool)
-        places, height = self.known[level]
+        places, height = self.known.get(level, ends.taken(np.zeros(0, int)))
         return np.array(
             [
                 not np.any((self.surface.box.distance(places, place) < _SAME) & (height >= value - _LEVEL * max(1, abs(value))))
