@@ -429,6 +429,18 @@ def test_a_weak_kink_across_the_axes_is_in_the_bar():
     assert found.value + found.error >= 1 + 2.4e-7
 
 
+def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
+    # It was called conserving: the climbs took its slope of 3.5e-4 for a bend.
+    def build(p, q):
+        x, y = p - 0.5904583781437073, q - 0.5098823526196596
+        u, v = -0.9778511644988944 * x - 0.209301457443937 * y, 0.209301457443937 * x - 0.9778511644988944 * y
+        fall = 3.5048259910162e-4 * jnp.abs(u) + 3.4547237975913e-5 * (0.3 * jnp.maximum(v, -0.2 * v) + 0.05 * (u**2 + v**2))
+        return lambda wi, wo: (1.000000004 - fall) / jnp.pi + 0 * wo[..., 2]
+
+    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
+    assert abs(found.value - 1.000000004) <= found.error < 2e-9
+
+
 def not_finite(value: float) -> Surface:
     def surface(parameters, mu, _):
         return np.where((parameters[:, 0] > 500) & (mu < 0.1), value, 0.5)

@@ -10,7 +10,7 @@ import numpy as np
 from brdfcheck.quadrature.pointwise import GRAZING
 from brdfcheck.verdict.box import DECADES, Box
 from brdfcheck.verdict.climb import Climbs, climb
-from brdfcheck.verdict.kinks import crest
+from brdfcheck.verdict.kinks import crest, is_kinked, top_of_crest
 from brdfcheck.verdict.poles import SUSPICIOUS, pole
 from brdfcheck.verdict.surface import GRAZES, Surface
 from brdfcheck.verdict.winners import Winners
@@ -87,10 +87,8 @@ class Confirmation:
         worth = np.flatnonzero((error < _ROUGH) & (value + 3 * error > max(np.nanmax(value), self.winners.best - 1e-6) - 1e-6))
         worth = worth[np.argsort(-value[worth])][:2]
         for index in worth:
-            # On a kink that runs across the axes no small stencil sees where it rises: there the climb's own gap is kept.
-            hidden = float(gaps[index]) if ends.kinked[index] else 0.0
             radius = float(np.clip(10 * ends.radii[index], 1e-4, 2e-3))
-            self._polish(ends.places[index], ends.mixed[index], radius, hidden=hidden)
+            self._polish(ends.places[index], ends.mixed[index], radius, kinked=bool(ends.kinked[index]))
         if self.surface.grazes:
             places = np.concatenate([ends.places[worth], self.winners.places[-1:]])
             self.limits(places[places[:, self.surface.angle] < GRAZES])
@@ -130,12 +128,12 @@ class Confirmation:
                 self.unbounded = places[index], "towards grazing incidence" if mu[0] == 0 else everywhere
 
     def _polish(
-        self, place: np.ndarray, mixed: np.ndarray | None, radius: float, *, hidden: float = 0.0, limit: bool = False
+        self, place: np.ndarray, mixed: np.ndarray | None, radius: float, *, kinked: bool = False, limit: bool = False
     ) -> None:
         """Climb from a place to the top, by the rule that its integral ends with, and confirm that.
 
         At the ends of the angle the boxes of that rule are others than just inside: there the angle is held, and looked at by
-        itself. `hidden`: what the surface is known to hide from a climb.
+        itself. `kinked`: a kink has been seen there.
         """
         surface, angle = self.surface, self.surface.angle or 0
         rtol = surface.rtol_of_limits if limit else surface.rtol
@@ -164,13 +162,18 @@ class Confirmation:
                 reach=_REACH,
                 check=self.check,
             )
-            end = whole(ends.places)[0]
-            done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8)) and not ends.kinked[0]
-            gap = float(ends.known_gaps[0])
-            if ends.kinked[0] and not limit:
-                gap = min(gap, crest(surface, end, ends.radii[0])[0])
-            gap = max(gap, hidden)
-            promised, moved = float(ends.values[0]) - start, float(surface.box.distance(end, place))
+            end, top, gap = ends.places[0], float(ends.values[0]), float(ends.known_gaps[0])
+            done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8))
+            # No small stencil sees where the crest of a kink rises that runs across the axes.
+            if not limit and (kinked or ends.kinked[0] or is_kinked(function, inner, end, ends.radii[0])):
+                bound, seen = crest(surface, whole(end[None])[0], ends.radii[0])
+                if seen and np.isfinite(bound):
+                    end, top, gap = top_of_crest(function, inner, end)
+                    gap, done = min(gap, bound), True
+                else:
+                    done &= not seen
+            end = whole(end[None])[0]
+            promised, moved = top - start, float(surface.box.distance(end, place))
             fresh, bar, beside = surface.beside(end, rtol, limit=limit) if moved else (value, error, near)
             blur = error + bar + 1e-9 * max(1, abs(value))
             rises, stale = fresh - value > blur and moved > _REACH, promised - (fresh - value) > blur
