@@ -12,13 +12,13 @@ import numpy as np
 from scipy.optimize import nnls
 
 from brdfcheck.verdict.box import Box
-from brdfcheck.verdict.climb import Function
+from brdfcheck.verdict.climb import Climbs, Function
 from brdfcheck.verdict.surface import Surface
 
 # How near to a kink the surface is looked at, how many times as far where nothing is seen there, and how far away at most.
 _STEP, _LONGER, _FAR = 6e-5, 16, 0.05
-# How neighbouring values round, relative to them; and what is seen of a kink: so, relative to their errors, which are alike, and
-# to the bend at the longer step.
+# How neighbouring values round, relative to them; and what is seen of a kink: so, relative to their errors (which are alike),
+# and to the bend at the longer step.
 _ROUNDING, _SEEN, _ALIKE, _KINKED = 4e-15, 1e-13, 1e-3, 0.02
 # The way up a crest: how near gradients are taken at first and at last, over which part of that, and how far steps go in it.
 _NEAR, _NEAREST, _ARM = 1e-3, 1e-7, 1 / 300
@@ -95,6 +95,14 @@ def is_kinked(function: Function, box: Box, place: np.ndarray, radius: float) ->
     # Curvature grows with the square of the step, a kink with the step.
     sharp = bend[1] - bend[0] / 16
     return bool(np.any(sharp > np.maximum(_KINKED * np.abs(bend[0]), seen)))
+
+
+def up_crests(function: Function, box: Box, ends: Climbs, which: np.ndarray) -> None:
+    """Where climbs by `function` ended on kinks, go on along the crests of these: of those climbs, in place."""
+    for index in which if box.dimension > 1 else ():
+        if is_kinked(function, box, ends.places[index], ends.radii[index]):
+            ends.places[index], ends.values[index], ends.gaps[index] = top_of_crest(function, box, ends.places[index])
+            ends.kinked[index] = ends.settled[index] = True
 
 
 def top_of_crest(function: Function, box: Box, place: np.ndarray) -> Top:

@@ -27,7 +27,7 @@ from brdfcheck.runtime import keep_freed_memory
 from brdfcheck.verdict.climb import CREST, Climbs, Trail, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
-from brdfcheck.verdict.kinks import is_kinked, top_of_crest
+from brdfcheck.verdict.kinks import up_crests
 from brdfcheck.verdict.scan import Points, Scan
 from brdfcheck.verdict.surface import GRAZES, Surface
 from brdfcheck.verdict.surface import Watch as Watch
@@ -239,15 +239,13 @@ class _Search:
                 finer, _ = surface.estimate(level + 1, ends.places)
                 doubt = np.abs(finer - ends.values) / 3
                 ends.values[:] = finer
+                here = Trail(ends.places, finer)
                 keep = self.distinct(ends, doubt, kept[level + 1])
-                keep = keep[self.unknown(Trail(ends.places, finer).taken(keep), level)]
+                keep = keep[self.unknown(here.taken(keep), level)]
                 if not keep.size:
                     break
                 doubt, kinked = doubt[keep], ends.kinked[keep] & (level > 0)
-                trails = {
-                    **{key: trail.taken(keep) for key, trail in trails.items()},
-                    level: Trail(ends.places, finer).taken(keep),
-                }
+                trails = {key: trail.taken(keep) for key, trail in {**trails, level: here}.items()}
                 places, radii = ends.places[keep], np.clip(3 * ends.radii[keep], 1e-3, 0.05)
         else:
             assert ends is not None
@@ -255,10 +253,8 @@ class _Search:
                 settled = trail.taken(np.flatnonzero(ends.settled))
                 self.known[level] = self.known[level].joined(settled) if level in self.known else settled
             keep = self.distinct(ends, doubt, 4)
-            if box.dimension > 1:
-                for i in keep:
-                    self.up_crest(ends, i)
-                keep = keep[self.distinct(ends.taken(keep), doubt[keep], len(keep))]
+            up_crests(lambda unit: surface.estimate(surface.finest, unit), box, ends, keep)
+            keep = keep[self.distinct(ends.taken(keep), doubt[keep], len(keep))]
             best = self.winners.best + surface.rise(1e-8)
             keep = [i for i in keep if not self.winners.is_climbed(ends.places[i]) or ends.values[i] > best]
             self.confirm.ends(ends.taken(np.array(keep, int)))
@@ -266,18 +262,6 @@ class _Search:
         reach = points.reach
         higher = np.flatnonzero((points.levels == surface.finest) & (reach > self.winners.best + surface.rise(1e-9)))
         self.confirm.places(points.places[higher[np.argsort(-reach[higher])][: self.most]])
-
-    def up_crest(self, ends: Climbs, index: int) -> None:
-        """Where a climb ended on a kink: go on along its crest."""
-
-        def function(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            return self.surface.estimate(self.surface.finest, unit)
-
-        place = ends.places[index]
-        if is_kinked(function, self.surface.box, place, ends.radii[index]):
-            top = top_of_crest(function, self.surface.box, place)
-            ends.places[index], ends.values[index], ends.gaps[index] = top
-            ends.kinked[index] = ends.settled[index] = True
 
     @property
     def most(self) -> int:
