@@ -72,9 +72,13 @@ class Confirmation:
             self._add(ends.places, ends.values, ends.errors, None, gaps=gaps, settled=ends.settled, climbed=True)
             return
         value, error, asked = self._resolved(ends.places)
-        for index in np.flatnonzero(ends.kinked & (error < _ROUGH) & (value + gaps > self.winners.least)):
-            bound, ends.kinked[index] = crest(self.surface, ends.places[index], ends.radii[index])
-            gaps[index] = min(gaps[index], bound)
+        # Where the rule does not reach its accuracy (edges, jumps), a climb by it says nothing.
+        best = max(np.max(value[np.isfinite(value)], initial=-np.inf), self.winners.best - 1e-6)
+        worth = np.flatnonzero((error < _ROUGH) & (value + 3 * error > best - 1e-6))
+        worth = worth[np.argsort(-value[worth])][:2]
+        kinked = ends.kinked & (error < _ROUGH) & (value + gaps > self.winners.least)
+        for index in np.setdiff1d(np.flatnonzero(kinked), worth):
+            gaps[index] = min(gaps[index], crest(self.surface, ends.places[index], ends.radii[index])[0])
         # Where the quick rule is far off, its climb is none: what counts is the place, and what is found by better rules.
         off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
         blind = (off > _BLIND) & (off > gaps)
@@ -83,12 +87,9 @@ class Confirmation:
             self._add(ends.places[which], value[which], error[which], asked, climbed=climbed, **left)
         if self.unbounded is not None or not np.any(np.isfinite(value)):
             return
-        # Where the rule does not reach its accuracy (edges, jumps), a climb by it says nothing.
-        worth = np.flatnonzero((error < _ROUGH) & (value + 3 * error > max(np.nanmax(value), self.winners.best - 1e-6) - 1e-6))
-        worth = worth[np.argsort(-value[worth])][:2]
         for index in worth:
             radius = float(np.clip(10 * ends.radii[index], 1e-4, 2e-3))
-            self._polish(ends.places[index], ends.mixed[index], radius, kinked=bool(ends.kinked[index]))
+            self._polish(ends.places[index], ends.mixed[index], radius)
         if self.surface.grazes:
             places = np.concatenate([ends.places[worth], self.winners.places[-1:]])
             self.limits(places[places[:, self.surface.angle] < GRAZES])
@@ -127,13 +128,10 @@ class Confirmation:
                 everywhere = "near this place: the integral over the hemisphere does not converge"
                 self.unbounded = places[index], "towards grazing incidence" if mu[0] == 0 else everywhere
 
-    def _polish(
-        self, place: np.ndarray, mixed: np.ndarray | None, radius: float, *, kinked: bool = False, limit: bool = False
-    ) -> None:
+    def _polish(self, place: np.ndarray, mixed: np.ndarray | None, radius: float, *, limit: bool = False) -> None:
         """Climb from a place to the top, by the rule that its integral ends with, and confirm that.
 
-        At the ends of the angle the boxes of that rule are others than just inside: there the angle is held, and looked at by
-        itself. `kinked`: a kink has been seen there.
+        At the ends of the angle the boxes of that rule are others than just inside: there it is held, and looked at by itself.
         """
         surface, angle = self.surface, self.surface.angle or 0
         rtol = surface.rtol_of_limits if limit else surface.rtol
@@ -160,18 +158,17 @@ class Confirmation:
                 mixed=None if mixed is None else mixed[None],
                 calm=1,
                 reach=_REACH,
+                crest=0.0,  # which is looked at below
                 check=self.check,
             )
             end, top, gap = ends.places[0], float(ends.values[0]), float(ends.known_gaps[0])
             done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8))
             # No small stencil sees where the crest of a kink rises that runs across the axes.
-            if not limit and (kinked or ends.kinked[0] or is_kinked(function, inner, end, ends.radii[0])):
+            if not limit and is_kinked(function, inner, end, ends.radii[0]):
                 bound, seen = crest(surface, whole(end[None])[0], ends.radii[0])
-                if seen and np.isfinite(bound):
+                if seen:
                     end, top, gap = top_of_crest(function, inner, end)
                     gap, done = min(gap, bound), True
-                else:
-                    done &= not seen
             end = whole(end[None])[0]
             promised, moved = top - start, float(surface.box.distance(end, place))
             fresh, bar, beside = surface.beside(end, rtol, limit=limit) if moved else (value, error, near)
