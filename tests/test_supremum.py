@@ -441,6 +441,23 @@ def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
     assert abs(found.value - 1.000000004) <= found.error < 2e-9
 
 
+@pytest.mark.parametrize("centres", [(0.3456, 0.7123), (0.105, 0.2003, 0.9051)])
+def test_each_narrow_interval_of_violation_is_named(centres: tuple[float, ...]):
+    # Each as wide as 0.4 % of the range, and about another angle: one alone was named, that of the winner.
+    def build(p):
+        def value(wi):
+            heights = [
+                0.1 * jnp.exp(-(((p - centre) / 0.002) ** 4) - (wi[..., 2] - 0.2 - 0.6 * centre) ** 2) for centre in centres
+            ]
+            return 0.95 + sum(heights)
+
+        return lambda wi, wo: value(wi) / jnp.pi + 0 * wo[..., 2]
+
+    above = supremum(PointwiseAlbedo(Family("bumps", build, {"p": (0.0, 1.0)}))).above
+    half = 0.002 * np.log(2) ** 0.25
+    np.testing.assert_allclose(above, [(centre - half, centre + half) for centre in centres], atol=1e-5)
+
+
 def not_finite(value: float) -> Surface:
     def surface(parameters, mu, _):
         return np.where((parameters[:, 0] > 500) & (mu < 0.1), value, 0.5)

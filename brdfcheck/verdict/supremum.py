@@ -128,7 +128,7 @@ def supremum(
     box = search.surface.box
     # Between the two values of a switch there is nothing.
     if intervals and len(box.swept) == 1 and not albedo.family.switches & {*box.swept} and not np.isnan(found.value):
-        above = intervals_above(albedo, box, search.winner, threshold) if found.least > threshold else ()
+        above = intervals_above(albedo, box, search.winner, search.scan.points, threshold) if found.least > threshold else ()
         found = replace(found, above=above)
     return found
 
