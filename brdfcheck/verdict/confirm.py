@@ -78,7 +78,7 @@ class Confirmation:
         worth = worth[np.argsort(-value[worth])][:2]
         kinked = ends.kinked & (error < _ROUGH) & (value + gaps > self.winners.least)
         for index in np.setdiff1d(np.flatnonzero(kinked), worth):
-            gaps[index] = min(gaps[index], crest(self.surface, ends.places[index], ends.radii[index])[0])
+            gaps[index] = min(gaps[index], crest(self.surface, ends.places[index], float(ends.radii[index]))[0])
         # Where the quick rule is far off, its climb is none: what counts is the place, and what is found by better rules.
         off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
         blind = (off > _BLIND) & (off > gaps)

@@ -100,7 +100,7 @@ def is_kinked(function: Function, box: Box, place: np.ndarray, radius: float) ->
 def up_crests(function: Function, box: Box, ends: Climbs, which: np.ndarray) -> None:
     """Where climbs by `function` ended on kinks, go on along the crests of these: of those climbs, in place."""
     for index in which if box.dimension > 1 else ():
-        if is_kinked(function, box, ends.places[index], ends.radii[index]):
+        if is_kinked(function, box, ends.places[index], float(ends.radii[index])):
             ends.places[index], ends.values[index], ends.gaps[index] = top_of_crest(function, box, ends.places[index])
             ends.kinked[index] = ends.settled[index] = True
 
