@@ -19,7 +19,8 @@ SCHEMA = "brdfcheck-certificate"
 SCHEMA_VERSION = 1
 CONSERVES, VIOLATES = "CONSERVES", "VIOLATES"
 _DIGITS = 30
-_BOXES = ["normal incidence", "convex in n"]
+Ends = tuple[Fraction, Fraction | None]
+"""A range of a parameter; without an upper end, where that is None."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,17 @@ def bound(value: Fraction | None) -> str:
     return "inf" if value is None else written(value)
 
 
+def range_record(ranges: Mapping[str, Ends]) -> dict[str, list[str]]:
+    """The ranges of parameters in a certificate."""
+    return {name: [written(low), bound(high)] for name, (low, high) in ranges.items()}
+
+
+def over(ranges: Mapping[str, Ends]) -> str:
+    """The ranges of parameters in words."""
+    parts = [f"every {name} from {low} to {high}" for name, (low, high) in range_record(ranges).items()]
+    return " and ".join(parts) or "its parameters"
+
+
 def conserving(claim: Claim, parameter: str, low: Fraction, high: Fraction | None, pieces: Sequence[Piece]) -> Certificate:
     """The certificate of a lobe whose one piece lies below 1."""
     return _boxes(claim, parameter, (low, high), pieces, None)
@@ -82,7 +94,7 @@ def violating(
 def _boxes(
     claim: Claim,
     parameter: str,
-    ends: tuple[Fraction, Fraction | None],
+    ends: Ends,
     pieces: Sequence[Piece],
     point: Fraction | None,
 ) -> Certificate:
@@ -103,7 +115,7 @@ def _boxes(
         formula=brdf,
         lobe=claim.profile.record,
         factor=claim.factor.record,
-        range={parameter: [written(ends[0]), bound(ends[1])]},
+        range=range_record({parameter: ends}),
         theorems=["normal incidence", "convex in n"],
         **more,
         cover=cover_record(pieces),
@@ -115,12 +127,12 @@ def reciprocal(profile: Profile, parameter: str, low: Fraction, high: Fraction |
     brdf = f"{profile.formula}, divided by its albedo at normal incidence,"
     return document(
         CONSERVES,
-        f"The directional albedo of {brdf} is at most 1 for every {parameter} from {written(low)} to {bound(high)} at every"
-        " angle of incidence, and 1 at normal incidence.",
+        f"The directional albedo of {brdf} is at most 1 for {over({parameter: (low, high)})} at every angle of incidence, and 1"
+        " at normal incidence.",
         formula=brdf,
         lobe=profile.record,
         factor="reciprocal of the albedo",
-        range={parameter: [written(low), bound(high)]},
+        range=range_record({parameter: (low, high)}),
         theorems=["normal incidence"],
     )
 

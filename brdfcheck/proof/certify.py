@@ -15,13 +15,12 @@ from brdfcheck.brdf.subject import as_target
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.messages import UsageError
 from brdfcheck.proof import facets, functions, mixtures, surfaces
-from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
+from brdfcheck.proof.certificate import Certificate, Ends, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
 from brdfcheck.proof.reading import Lobe, Unknown, built, exact, lobe_of
 
 _FIRST_PART = 1000
-Ends = tuple[Fraction, Fraction | None]
 
 
 def certify(

@@ -13,7 +13,7 @@ from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.proof import facets, functions, mixtures, surfaces
-from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
+from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, Ends, conserving, reciprocal, violating
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, NotProved, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
 
@@ -140,7 +140,7 @@ def _of_program(record: Mapping[str, Any], target: Any, reading: Reading | None)
     return functions.again(record, subject.family)
 
 
-def _ranges(record: Mapping[str, Any]) -> dict[str, tuple[Fraction, Fraction | None]]:
+def _ranges(record: Mapping[str, Any]) -> dict[str, Ends]:
     return {name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()}
 
 
