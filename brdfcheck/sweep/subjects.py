@@ -166,13 +166,6 @@ def method(rule: AbstractRule, template: Any, *, table: bool) -> Method:
     return Method(rule, False, (32, 512), 4, 1)  # rules bound their memory themselves, for one cell
 
 
-def of_type(brdf: Any, dtype: Any) -> Any:
-    """The BRDF with its numbers in the type `dtype`, so that a rule runs in one precision throughout."""
-    return jax.tree.map(
-        lambda leaf: leaf.astype(dtype) if eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating) else leaf, brdf
-    )
-
-
 def turned(brdf: Callable[..., Any], azimuth: Any) -> Callable[..., Any]:
     """A function f(wi, wo) on a surface that is turned, so that what comes from azimuth 0 comes from `azimuth`."""
 
