@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractBRDF, core_of, of_type
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
+from brdfcheck.geometry import frame_about
 from brdfcheck.messages import one_of
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.quadrature.rule import checked_count
@@ -252,12 +253,8 @@ def _cosine(u: Float[Array, "rays 2"]) -> Float[Array, "rays 3"]:
 
 
 def _to_world(normal: Array, local: Array) -> Array:
-    """From the frame of the normal, at any azimuth (Duff et al. 2017)."""
-    x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
-    sign = jnp.where(z >= 0, 1, -1).astype(z.dtype)
-    a = -1 / (sign + z)
-    first = jnp.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], axis=-1)
-    second = jnp.stack([x * y * a, sign + y * y * a, -y], axis=-1)
+    """From the frame of the normal, at any azimuth."""
+    first, second = (jnp.stack(axis, axis=-1) for axis in frame_about(*normal.T))
     return local[:, :1] * first + local[:, 1:2] * second + local[:, 2:] * normal
 
 
