@@ -29,7 +29,7 @@ from brdfcheck.brdf.readers.glsl.arithmetic import (
     root,
     subtract,
 )
-from brdfcheck.brdf.readers.glsl.kinds import NAMED, Matrix, Type, Vector, each, vector
+from brdfcheck.brdf.readers.glsl.kinds import NAMED, Matrix, Type, Vector, vector
 
 
 class Builtin(NamedTuple):
@@ -288,7 +288,7 @@ def _table() -> dict[str, list[Builtin]]:
     put("F reflect(F, F)", _reflect)
     put("F refract(F, F, float)", _refract)
     # Matrices.
-    put("M matrixCompMult(M, M)", lambda machine, a, b: each(multiply, a, b))
+    put("M matrixCompMult(M, M)", lambda machine, a, b: jax.tree.map(multiply, a, b))
     for columns, rows in itertools.product((2, 3, 4), (2, 3, 4)):
         shape = Matrix(columns, rows)
         vectors = Vector("float", rows), Vector("float", columns)
