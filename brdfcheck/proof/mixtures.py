@@ -19,9 +19,8 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.mixtures import FresnelBlend, Mixture
 from brdfcheck.proof.certificate import CONSERVES, Certificate, Ends, document, over, range_record
 from brdfcheck.proof.cover import NotProved, written
-from brdfcheck.proof.reading import Unknown, exact
+from brdfcheck.proof.reading import Unknown, exact, from_symbols
 from brdfcheck.proof.terms import Terms, corners, terms_of, words
-from brdfcheck.runtime import double_precision
 
 KINDS = ("mixture", "fresnel blend")
 
@@ -31,27 +30,14 @@ def certificate(family: Family, ends: Mapping[str, Ends], prove: Callable[[Famil
 
     Unknown where a weight is not a number, where weights add up to more than 1, or where a part is not proved to conserve.
     """
-    made: list[Any] = []
     names = tuple(family.ranges)
-
-    def build(*values: Any) -> list[Any]:
-        made.append(family.build(**dict(zip(names, values, strict=True))))
-        return jax.tree.leaves(made[-1])
-
-    values = tuple(np.float32(low) for low, _ in family.ranges.values())
     try:
-        with double_precision():  # constants keep their digits
-            jaxpr = jax.make_jaxpr(build)(*values).jaxpr
-            if names:  # with symbols in place of the parameters, but with numbers for what is constant
-                jax.jvp(build, values, tuple(map(np.ones_like, values)))
-            else:
-                build()
+        brdf, jaxpr = from_symbols(family, jax.tree.leaves)
     except (Exception, SystemExit):  # whatever a user's factory throws; who reads formulas says what is wrong
         return None
-    brdf = made[-1]
     if type(brdf) not in (Mixture, FresnelBlend):
         return None
-    reached = _reached(jaxpr, names)
+    reached = _reached(jaxpr, names) if names else []
     sizes = [len(jax.tree.leaves(part)) for part in _parts(brdf)]
     parts = []
     for j, start in enumerate(np.cumsum([0, *sizes[:-1]])):
