@@ -10,16 +10,7 @@ from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.arithmetic import either, known, opposite
 from brdfcheck.brdf.readers.glsl.calls import Calls
 from brdfcheck.brdf.readers.glsl.context import converting
-from brdfcheck.brdf.readers.glsl.kinds import (
-    MOST_LEAVES,
-    VOID,
-    Array,
-    Opaque,
-    Scalar,
-    Struct,
-    Type,
-    kind_of,
-)
+from brdfcheck.brdf.readers.glsl.kinds import MOST_LEAVES, VOID, Array, Opaque, Scalar, Struct, Type, kind_of
 from brdfcheck.brdf.readers.glsl.machine import LoopPlan, Machine, Run
 from brdfcheck.brdf.readers.glsl.scopes import Routine, constant_of
 
