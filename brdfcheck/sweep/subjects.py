@@ -17,12 +17,12 @@ import numpy as np
 
 from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import has_engine
-from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.family import Family, NoRange
 from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import beside
 from brdfcheck.brdf.signatures import Signature, signature_of
-from brdfcheck.brdf.subject import NoRange, family_of, named, no_parameter, resolve
+from brdfcheck.brdf.subject import family_of, named, no_parameter, resolve
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.registry import RULES, engine_of
