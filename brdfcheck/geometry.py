@@ -26,6 +26,17 @@ def direction(cos_theta: Float[Array, "..."], azimuth: Float[Array, "..."] | flo
     return jnp.stack([sin_theta * jnp.cos(azimuth), sin_theta * jnp.sin(azimuth), cos_theta], axis=-1)
 
 
+def frame_about(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Two unit vectors, by their components, that are orthogonal to (x, y, z) of length 1 and to each other.
+
+    For any vector, without a special case (Duff et al. 2017, Building an orthonormal basis, revisited).
+    """
+    sign = jnp.where(z < 0, -1, 1).astype(z.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    return (1 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
+
+
 def mirror_direction(wi: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
     """The mirror direction R = 2 (N.L) N - L, shape ``(..., 3)``."""
     return wi * jnp.array([-1, -1, 1], wi.dtype)

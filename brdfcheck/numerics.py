@@ -27,6 +27,16 @@ def gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, weights
 
 
+def averaging(count: int, panels: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of an average over the hemisphere, of 2 f(mu) mu over mu from 0 to 1, by Gauss nodes in each panel.
+
+    They are in the cube root of mu, which resolves the layer at grazing incidence.
+    """
+    nodes, weights = gauss(count)
+    x = ((np.arange(panels)[:, None] + nodes) / panels).ravel()
+    return x**3, 6 * x**5 * np.tile(weights, panels) / panels
+
+
 def sine_cosine(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of angles in [-pi/2, pi/2], by the tangent of their half: to 5e-16 of the sine, and of 1.
 

@@ -71,22 +71,17 @@ def _count(jaxpr: Any) -> Counter[str]:
     return +total
 
 
-def traced(function: Any, *arguments: Any, loops: tuple[float, ...] = ()) -> float:
-    """The work of a function at arguments of these shapes, in multiplications of float64. Nothing is computed.
-
-    `loops`: how often loops go round of which that is known only when they run, from the outermost inwards; once by default.
-    Of branches the dearest counts.
-    """
-    return work_of(program_of(function, *arguments), loops)
-
-
 def program_of(function: Any, *arguments: Any) -> core.Jaxpr:
-    """The traced program of a function."""
+    """The traced program of a function at arguments of these shapes. Nothing is computed."""
     return jax.make_jaxpr(function)(*arguments).jaxpr
 
 
 def work_of(program: core.Jaxpr, loops: tuple[float, ...] = (), size: int = 0) -> float:
-    """The work of a program, as `traced` counts it; with a `size` as if its numbers had so many bytes."""
+    """The work of a program, in multiplications of float64; with a `size` as if its numbers had so many bytes.
+
+    `loops`: how often loops go round of which that is known only when they run, from the outermost inwards; once by default.
+    Of branches the dearest counts.
+    """
     return sum(_one(equation, loops, size) for equation in program.eqns)
 
 

@@ -62,17 +62,15 @@ def find() -> dict[str, Study]:
     """All studies by name, in the order of the alphabet. Nothing is imported."""
     place = folder()
     paths = sorted(place.glob("*.py")) if place is not None else []
-    return {path.stem: _described(path) for path in paths if not path.stem.startswith("_") and _is_study(path)}
+    found = [_described(path) for path in paths if not path.stem.startswith("_")]
+    return {study.name: study for study in found if study is not None}
 
 
-def _is_study(path: Path) -> bool:
-    """False for a tool that stands alone, with none of a study's functions."""
+def _described(path: Path) -> Study | None:
+    """What a study says of itself; None for a tool that stands alone, with none of a study's functions."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    return any(isinstance(line, ast.FunctionDef) and line.name in ("run", "plot", "summary") for line in tree.body)
-
-
-def _described(path: Path) -> Study:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    if not any(isinstance(line, ast.FunctionDef) and line.name in ("run", "plot", "summary") for line in tree.body):
+        return None
     text = ast.get_docstring(tree) or ""
     question, _, rest = text.partition("\n\n")
     answer = re.search(r"^Answer: (.*?)(?:\n\n|\Z)", rest, re.DOTALL | re.MULTILINE)
@@ -231,4 +229,5 @@ def make(path: str | Path, size: str, reports: str | Path) -> Path:
     use_x64()
     use_compilation_cache()
     study = _described(Path(path))
+    assert study is not None
     return write_report(study, record_of(study, size), Path(reports))

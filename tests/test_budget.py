@@ -26,7 +26,8 @@ from brdfcheck.budgets.room import irradiance, room_numbers
 from brdfcheck.budgets.search import REFUSED, Fault, Search
 from brdfcheck.budgets.shaders import split
 from brdfcheck.messages import UsageError
-from brdfcheck.operations import program_of, traced
+from brdfcheck.operations import program_of
+from brdfcheck.operations import work_of as work_of_program
 from brdfcheck.scene.artistic import Highlight, Translucent
 from brdfcheck.scene.images import codes
 from brdfcheck.scene.lights import Distant, Polygon
@@ -160,6 +161,10 @@ def test_the_frontier_has_every_known_error():
 
 
 # --- the work ---
+
+
+def traced(function, *arguments, loops=()):
+    return work_of_program(program_of(function, *arguments), loops)
 
 
 def test_operations_are_counted_with_their_loops_and_prices():

@@ -23,7 +23,7 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Constant, Proportional, RationalFactor
 from brdfcheck.messages import UsageError
 from brdfcheck.proof import Certificate, NotProved, Rejected, certify, read, verify
-from brdfcheck.proof.certificate import conserving, violating
+from brdfcheck.proof.certificate import of_lobe
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, Piece, cover, peak, written
 from brdfcheck.proof.lobes import Power, Profile, Quadratics, Rational, TruncatedPower
 from brdfcheck.verdict import check_family
@@ -146,7 +146,7 @@ def test_a_factor_too_large_by_1e_12_is_not_proved(profile):
             continue
         assert all(piece.side == BELOW for piece in pieces) == holds
         piece = Piece(BELOW, (low, *(Fraction(2) ** i for i in range(1, 10)), high))
-        assert not accepted(json.loads(conserving(Claim(profile, factor), "n", low, high, [piece]).to_json())) or holds
+        assert not accepted(json.loads(of_lobe(Claim(profile, factor), "n", (low, high), [piece]).to_json())) or holds
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_lobes_that_rise_with_their_angle_are_refused():
     assert certify(rising, n=(1, 16))
     claim = Claim(TruncatedPower("half", 16, False), LinearFactor(Fraction(1, 10**30), constant=True))
     piece = Piece(BELOW, (Fraction(1), Fraction(17)))
-    assert not accepted(json.loads(conserving(claim, "n", Fraction(1), Fraction(17), [piece]).to_json()))
+    assert not accepted(json.loads(of_lobe(claim, "n", (Fraction(1), Fraction(17)), [piece]).to_json()))
     assert "every angle" not in certify("binomial-power-unclamped", n=(17, 1000)).statement
 
 
@@ -308,7 +308,7 @@ def test_false_statements_in_good_order_are_rejected():
     def good(
         profile: Profile, factor: LinearFactor, nodes: Any = piece.nodes, ends: Any = (low, high), onwards: Any = True
     ) -> bool:
-        certificate = conserving(Claim(profile, factor), "n", *ends, [Piece(BELOW, tuple(nodes), onwards)])
+        certificate = of_lobe(Claim(profile, factor), "n", ends, [Piece(BELOW, tuple(nodes), onwards)])
         return accepted(json.loads(certificate.to_json()))
 
     assert good(profile, factor)
@@ -322,9 +322,9 @@ def test_false_statements_in_good_order_are_rejected():
     assert not good(profile, factor, nodes=piece.nodes[::2])
     assert not good(profile, factor, nodes=piece.nodes[:2])
     claim = Claim(profile, LinearFactor(Fraction(6), Fraction("24.55")))
-    false = violating(claim, "n", low, high, [Piece(ABOVE, (Fraction(14), Fraction(15)))], Fraction("17.85"))
+    false = of_lobe(claim, "n", (low, high), [Piece(ABOVE, (Fraction(14), Fraction(15)))], Fraction("17.85"))
     assert not accepted(json.loads(false.to_json()))
-    below = violating(claim, "n", low, high, [], Fraction(14))
+    below = of_lobe(claim, "n", (low, high), [], Fraction(14))
     assert not accepted(json.loads(below.to_json()))
 
 

@@ -14,7 +14,7 @@ from brdfcheck.scene import canvas, failures, images, meshes, presets, smooth_sh
 from brdfcheck.scene.cameras import Orthographic
 from brdfcheck.scene.lights import Ambient, Distant, Environment
 from brdfcheck.scene.materials import Surface, Term
-from brdfcheck.scene.smooth import shade_mesh
+from brdfcheck.scene.smooth import shadings_of
 from brdfcheck.scene.sphere import sphere_image
 from brdfcheck.scene.tracing import Sphere, composed, trace
 
@@ -212,10 +212,8 @@ def test_gouraud_shading_leaves_of_the_highlight_what_the_label_says(n, left):
     def gloss(point, normal, view):
         return jnp.broadcast_to(jnp.maximum(jnp.tensordot(half, normal, 1), 0) ** n, normal.shape)
 
-    picture, smooth = (
-        np.asarray(shade_mesh(mesh, camera, gloss, size=(65, 65), shading=shading, normals=mesh.vertices))
-        for shading in ("gouraud", "phong")
-    )
+    shadings = ("gouraud", "phong")
+    picture, smooth = map(np.asarray, shadings_of(mesh, camera, gloss, shadings, size=(65, 65), normals=mesh.vertices))
     assert smooth.max() == pytest.approx(1, abs=0.03)
     assert picture.max() == pytest.approx(left, abs=1e-3)
     assert float(failures.lost_highlight(mesh, n)) == pytest.approx(left, abs=5e-4)

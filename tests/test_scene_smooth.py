@@ -14,9 +14,9 @@ from test_scene_raster import CAMERAS, PLACE
 from brdfcheck.scene.artistic import Highlight
 from brdfcheck.scene.cameras import Orthographic, Perspective
 from brdfcheck.scene.lights import Distant, Point
-from brdfcheck.scene.meshes import Mesh, deformed, icosphere
+from brdfcheck.scene.meshes import Mesh, icosphere
 from brdfcheck.scene.raster import rasterise
-from brdfcheck.scene.smooth import SHADINGS, render_mesh, shade_mesh
+from brdfcheck.scene.smooth import SHADINGS, render_mesh, shadings_of
 
 LIGHT, COLOR, GLOSS, N = np.array([0.3, 0.5, 0.8]), np.array([0.6, 0.3, 0.1]), 0.4, 20.0
 
@@ -31,13 +31,18 @@ def blinn(point, normal, view, light=LIGHT, n=N):
     return jnp.stack([jnp.where(lit > 0, lit * part + gloss, 0) for part in COLOR.tolist()])
 
 
-image_of = eqx.filter_jit(shade_mesh)
-
-
 @eqx.filter_jit
-def each_shading(mesh, camera, shader, **options):
+def each_shading(mesh, camera, shader, shadings=("flat", "gouraud", "phong"), **options):
     """The images of all three shadings as one program: flat, gouraud, phong."""
-    return [shade_mesh(mesh, camera, shader, shading=shading, **options) for shading in ("flat", "gouraud", "phong")]
+    return shadings_of(mesh, camera, shader, shadings, **options)
+
+
+def image_of(mesh, camera, shader, **options):
+    return each_shading(mesh, camera, shader, ("phong",), **options)[0]
+
+
+def stretched(mesh, *factors):
+    return Mesh(mesh.vertices * np.array(factors), mesh.faces)
 
 
 def plain_blinn(point, normal, view):
@@ -47,7 +52,7 @@ def plain_blinn(point, normal, view):
 @pytest.mark.parametrize("kind", few(CAMERAS, ("perspective",)))
 def test_images_are_those_of_plain_numpy(kind):
     camera, opening = CAMERAS[kind]
-    mesh, size = deformed(icosphere(1), lambda vertices: vertices * np.array([1.2, 1.0, 0.7])), (45, 60)
+    mesh, size = stretched(icosphere(1), 1.2, 1.0, 0.7), (45, 60)
     background = np.array([0.1, 0.2, 0.3])
     images = each_shading(mesh, camera(**PLACE, **opening), blinn, size=size, background=background)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -105,7 +110,7 @@ def test_one_program_for_all_numbers(monkeypatch):
     monkeypatch.setattr(smooth, "shade", lambda *arguments: traces.append(1) or jnp.ones((3, *arguments[3].shape[1:])))
     for value in (0.2, 0.5, 0.9):
         lights = (Distant((value, 1.0, 1.0), value), Point((1.0, 1.0, 4 + value), value))
-        mesh = deformed(icosphere(0), lambda vertices, value=value: vertices * np.array([1.0, value, 1.0]))
+        mesh = stretched(icosphere(0), 1.0, value, 1.0)
         material, camera = Highlight(value, n=10 * value), Perspective((value, 0.0, 4.0))
         image = smooth.render_mesh(mesh, camera, material, lights, size=(23, 29), background=value)
         assert float(image.min()) == pytest.approx(value)
@@ -148,7 +153,7 @@ def test_gradients_in_material_light_and_shape():
 
     @jax.jit
     def of_shape(vertices):
-        return jnp.mean(shade_mesh(Mesh(vertices, mesh.faces), camera, blinn, size=(24, 24)) ** 2)
+        return jnp.mean(image_of(Mesh(vertices, mesh.faces), camera, blinn, size=(24, 24)) ** 2)
 
     assert np.all(np.isfinite(jax.grad(of_shape)(mesh.vertices)))
 

@@ -66,6 +66,11 @@ def checked_number(value: object, name: str, low: float = 0.0, high: float = np.
     return array
 
 
+def of_type(tree: Any, dtype: Any) -> Any:
+    """A BRDF, or what else holds arrays, with its floating-point numbers in the type `dtype`: all is in one precision then."""
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)
+
+
 class _Whole(eqx.Module):
     """What has a lobe inside, or is one. What wraps another BRDF (a factor) answers for itself: nobody takes it apart."""
 

@@ -64,6 +64,21 @@ def interval(name: str, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
+def not_whole(name: str, parameter: str, bounds: tuple[float, float]) -> UsageError:
+    """What is said of a whole number that is given a range or a fraction, to be raised."""
+    low, high = bounds
+    return UsageError(f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {low:g}:{high:g}")
+
+
+def no_range(name: str, parameters: Sequence[str], advice: str = "") -> NoRange:
+    """What is said of parameters that have no range and need one, to be raised."""
+    plural = "parameters" if len(parameters) > 1 else "parameter"
+    example = " ".join(f"--over {parameter}=LO:HI" for parameter in parameters)
+    python = ", ".join(f"{parameter}=(LO, HI)" for parameter in parameters)
+    words = f"the {plural} {', '.join(parameters)} must be given a range: {example}, in Python {python}{advice}"
+    return NoRange(f"{name}: {words}", parameters)
+
+
 def corners(bounds: Iterable[Iterable[float]], most: int) -> list[tuple[float, ...]]:
     """The corners of a box: all of them, or where these are more than `most` so many, drawn from all, opposite ones first."""
     ends = [tuple(dict.fromkeys(pair)) for pair in bounds]

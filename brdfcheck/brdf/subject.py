@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from brdfcheck.brdf.blame import told
 from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, NORMALS, directional, is_normal, is_number, over_cosine
-from brdfcheck.brdf.family import NoRange
+from brdfcheck.brdf.family import no_range, not_whole
 from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
@@ -160,11 +160,6 @@ def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
     return f"{name} has no parameter {parameter!r}; its parameters: {names}"
 
 
-def _not_whole(name: str, parameter: str, bounds: Range) -> str:
-    low, high = bounds
-    return f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {low:g}:{high:g}"
-
-
 def family_of(
     value: Any, spec: str, ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None = None
 ) -> Target:
@@ -198,7 +193,7 @@ def family_of(
     for name in signature.integers & set(ranges):
         low, high = ranges[name]
         if low != high or low != int(low):
-            raise UsageError(_not_whole(spec, name, (low, high)))
+            raise not_whole(spec, name, (low, high))
     # Where a whole number is meant it is passed as one: it may be a size, or choose a formula.
     held = {
         name: int(ranges[name][0])
@@ -222,17 +217,12 @@ def family_of(
     ):
         is_function, missing = False, list(normals)
     if not is_function and missing:
-        plural = "parameters" if len(missing) > 1 else "parameter"
-        example = " ".join(f"--over {name}=LO:HI" for name in missing)
-        python = ", ".join(f"{name}=(LO, HI)" for name in missing)
         advice = "; or write f(wi, wo, ...) where these are directions" if len(missing) > 2 else ""
         if any(map(is_number, missing)):
             advice = f"; the angles of a BRDF are known by their names: {ANGLES}; or write f(wi, wo), with wi[..., 2] a cosine"
         if any(is_normal(name) for name in missing) or (missing == ["n"] and "wi" in signature.names):
             advice = f"; the normal is known by its name, {NORMALS}, beside two directions, f(wi, wo, N)"
-        raise NoRange(
-            f"{spec}: the {plural} {', '.join(missing)} must be given a range: {example}, in Python {python}{advice}", missing
-        )
+        raise no_range(spec, missing, advice)
 
     build = _builder(value, held, is_function=is_function, bound=bool(ranges))
     build.__name__ = spec.rpartition(":")[2]
@@ -437,7 +427,7 @@ def _resolve(
             if len(names) == 1:
                 known = signature_of(named(names[0], modules)[0])
                 if parameter in known.whole:
-                    raise UsageError(_not_whole(names[0], parameter, ranges[parameter]))
+                    raise not_whole(names[0], parameter, ranges[parameter])
                 raise UsageError(no_parameter(names[0], parameter, known.names))
             known = ", ".join(sorted(known_ranges)) or "none"
             raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from brdfcheck.geometry import frame_about
 from brdfcheck.scene.cameras import AbstractCamera, Orthographic
 from brdfcheck.scene.vectors import Vector, dot, polar, unit
 
@@ -76,9 +77,5 @@ class Grid(NamedTuple):
         else:
             distance, back = polar(Vector(*self.camera.eye) - Vector(*self.center))
             edge = jnp.sqrt((distance - self.radius) / (distance + self.radius))
-        # A frame about any axis without a special case (Duff et al. 2017, Building an orthonormal basis, revisited).
-        sign = jnp.where(back.z < 0, -1, 1).astype(edge.dtype)
-        a = -1 / (sign + back.z)
-        b = back.x * back.y * a
-        right = Vector(1 + sign * back.x * back.x * a, sign * b, -sign * back.x)
-        return (right, Vector(b, sign + back.y * back.y * a, -back.y), back), edge
+        right, up = (Vector(*axis) for axis in frame_about(*back))
+        return (right, up, back), edge

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, of_type
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.budgets.grid import Grid, kept
 from brdfcheck.budgets.knobs import Plan
@@ -102,7 +101,7 @@ def _surrounded(material: Surface, light: Environment, cosine: Array, nodes: int
         if isinstance(core, Lambert):
             total = total + spread(light.intensity * term.albedo().astype(cosine.dtype), cosine.ndim)
         elif isinstance(core, AbstractZonalLobe) and isinstance(brdf, AbstractBRDF):
-            core = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, core)
+            core = of_type(core, cosine.dtype)
 
             def albedo(mu: Array, core: AbstractZonalLobe = core) -> Array:
                 order = Order(nodes, nodes)

@@ -12,15 +12,15 @@ from brdfcheck.fits.compensation import SMALLEST, Compensation
 from brdfcheck.fits.grids import Sampler
 from brdfcheck.fits.rational import RationalSurface, best_surface, lower_bound, rounded
 from brdfcheck.fits.renderer import RendererTable, average_albedo
-from brdfcheck.fits.surface import AlbedoFit, bounded, fit_albedo, fit_share, within_one
-from brdfcheck.numerics import gauss
+from brdfcheck.fits.surface import AlbedoFit, bounded, fit_albedo, fit_share, lobatto, within_one
+from brdfcheck.numerics import averaging
 from brdfcheck.runtime import double_precision
 
 # By whether a cell is dear: values that are fitted, and those that the fit is measured on.
 _SIZES = ((33, 129), (9, 17))
 # Degrees of numerator and denominator of the average.
 _DEGREE = (4, 2)
-# Panels in the cube root of mu, and Gauss nodes in each, of an average of fitted values, which have an edge where they reach 1.
+# Panels, and Gauss nodes in each, of an average of fitted values, which have an edge where they reach 1.
 _PANELS, _NODES = 64, 3
 # What a fit's error may be larger by between the points where it was measured, and what a program in float32 rounds.
 _BETWEEN, _SINGLE = 1.02, 1e-5
@@ -125,7 +125,7 @@ def _fit_average(
     root = low >= 0 and high > 10
     with double_precision():
         few, many = (2, 1) if low == high else sizes  # a constant is p / q: two coefficients
-        t = (1 - np.cos(np.pi * np.arange(few) / max(few - 1, 1))) / 2, np.linspace(0, 1, many)
+        t = lobatto(few), np.linspace(0, 1, many)
         # Evenly in what the fit is a function of.
         ends = [1 / np.sqrt(end + 1) if root else end for end in (low, high)]
         x = ends[0] + (ends[1] - ends[0]) * np.concatenate(t)
@@ -159,7 +159,5 @@ def _fit_compensation(table: RendererTable, albedo: AlbedoFit, compensation: Com
 
 def _lost(albedo: AlbedoFit, raised: float, parameters: np.ndarray) -> np.ndarray:
     """The averages of what is lost at these parameters where the albedo counts as `raised` above its fit."""
-    nodes, weights = gauss(_NODES)
-    x = ((np.arange(_PANELS)[:, None] + nodes) / _PANELS).ravel()
-    missing = np.maximum(1 - raised - albedo(parameters[:, None], x**3), 0)
-    return missing @ (6 * x**5 * np.tile(weights, _PANELS) / _PANELS)  # 2 mu dmu with mu = x^3
+    mu, weights = averaging(_NODES, _PANELS)
+    return np.maximum(1 - raised - albedo(parameters[:, None], mu), 0) @ weights

@@ -23,15 +23,10 @@ from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.signatures import signature_of
-from brdfcheck.brdf.subject import (
-    as_target,
-    family_of,
-    named,
-    refuse_reading,
-)
+from brdfcheck.brdf.subject import as_target, family_of, named, refuse_reading
 from brdfcheck.fits.grids import AlbedoGrid, Sampler, formula_of
 from brdfcheck.messages import UsageError, one_of
-from brdfcheck.numerics import gauss
+from brdfcheck.numerics import averaging
 from brdfcheck.quadrature.pointwise import worst_channel
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
@@ -43,7 +38,7 @@ ROW = "row"
 """What the parameter of a target is called that has none."""
 # What the perceptual roughness of renderers is the root of (Burley 2012), where the target has no parameter of that name.
 _WIDTHS = ("alpha", "m")
-# Gauss nodes of the average in the cube root of mu, which resolves the layer at grazing incidence: of lobes, and of functions.
+# Gauss nodes of the average: of lobes, and of functions.
 _AVERAGE = ((24, 16), (12, 8))
 # The accuracy that is asked of functions where nothing is said: a float32 has no more.
 _FUNCTIONS = 1e-6
@@ -275,8 +270,8 @@ def renderer_table(
         nodes, mu = axis(bounds[0], bounds[1], size[0], placement), axis(low, high, size[1], placement)
         sampler = Sampler(family, rtol)
         engine, whole = sampler.albedo, (low, high) == (0.0, 1.0)
-        rules = [gauss(count) for count in _AVERAGE[engine.effort > 1]] if whole else []
-        columns = np.concatenate([mu, *(x**3 for x, _ in rules)])
+        rules = [averaging(count) for count in _AVERAGE[engine.effort > 1]] if whole else []
+        columns = np.concatenate([mu, *(cosines for cosines, _ in rules)])
         steps = len(nodes) * (1 + (found.bias is not None) + (found.white not in (None, family)))
         begun = [0]
 
@@ -350,15 +345,15 @@ def cells(
     return value, error
 
 
-def average_albedo(family: Family, nodes: np.ndarray, rtol: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def average_albedo(family: Family, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """E_avg and its bars (nodes,) of a family of one parameter at these values."""
-    rules = [gauss(count) for count in _AVERAGE[Sampler(family, rtol).albedo.effort > 1]]
-    return _average(*cells(family, nodes, np.concatenate([x**3 for x, _ in rules]), rtol, lambda: None), rules)
+    rules = [averaging(count) for count in _AVERAGE[Sampler(family, None).albedo.effort > 1]]
+    return _average(*cells(family, nodes, np.concatenate([mu for mu, _ in rules]), None, lambda: None), rules)
 
 
 def _average(values: np.ndarray, bars: np.ndarray, rules: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     """From the values at the nodes of both rules, beside each other; the bar holds their difference and that of the values."""
-    weights = [6 * x**5 * w for x, w in rules]  # 2 mu dmu with mu = x^3
-    split = len(weights[0])
-    fine, coarse = values[:, :split] @ weights[0], values[:, split:] @ weights[1]
-    return fine, np.abs(fine - coarse) + bars[:, :split] @ weights[0]
+    (_, weights), (_, few) = rules
+    split = len(weights)
+    fine, coarse = values[:, :split] @ weights, values[:, split:] @ few
+    return fine, np.abs(fine - coarse) + bars[:, :split] @ weights

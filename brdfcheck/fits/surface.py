@@ -206,7 +206,7 @@ class _Problem:
         self.family = family
         sizes, finer = _GRIDS[effort]
         varies = [low < high for low, high in (self.sample.range, family.cos_theta)]
-        points = [_lobatto(size if many else 1) for size, many in zip(sizes, varies, strict=True)]
+        points = [lobatto(size if many else 1) for size, many in zip(sizes, varies, strict=True)]
         self.parameter, self.mu = self._spread(points[0]), self._angles(points[1])
         self.values = self._finite(self.parameter, self.mu)[0]
         points = [np.linspace(0, 1, finer) if many else np.zeros(1) for many in varies]
@@ -322,7 +322,7 @@ def bounded(values: np.ndarray, clamped: bool) -> np.ndarray:
     return np.clip(values, 0, 1) if clamped else values
 
 
-def _lobatto(size: int) -> np.ndarray:
+def lobatto(size: int) -> np.ndarray:
     """Chebyshev points on [0, 1] with both ends; 0 alone for one point."""
     return (1 - np.cos(np.pi * np.arange(size) / max(size - 1, 1))) / 2
 

@@ -24,13 +24,13 @@ from brdfcheck.fits.compensation import SMALLEST
 from brdfcheck.fits.rational import rows
 from brdfcheck.fits.surface import AlbedoFit
 from brdfcheck.messages import one_line
-from brdfcheck.numerics import gauss
+from brdfcheck.numerics import averaging
 from brdfcheck.output import records
 
 # What a parameter may be called in both languages, whatever the locals are.
 _PLAIN_PARAMETERS = {"n", "m", "alpha", "roughness", "reflectance"}
 _WIDTH = 110
-# Panels in the cube root of mu and nodes in each by which functions are integrated that have edges, and points at a time.
+# Panels and nodes in each by which functions are integrated that have edges, and points at a time.
 _PANELS, _NODES, _PIECE = 48, 4, 256
 
 
@@ -233,16 +233,15 @@ def read_back(text: str, name: str, parameter: str) -> Callable[[np.ndarray, np.
     asked = f"float asked(vec3 L, vec3 V, float {given}) {{ return {function}({given}, L.z, V.z); }}\n"
     made = Made(f"{text}\n{asked}", (), function)
     shader = ShaderFile(function, "asked", Reading(), made).family({given: (0.0, 1.0)}, None, lambda *_, **__: "")
-    x = ((np.arange(_PANELS)[:, None] + gauss(_NODES)[0]) / _PANELS).ravel()
-    share = 6 * np.pi * x**5 * np.tile(gauss(_NODES)[1], _PANELS) / _PANELS  # 2 pi mu dmu with mu = x^3
+    leaving, share = averaging(_NODES, _PANELS)
 
     def directions(mu: Any) -> Any:
         return jnp.stack([jnp.sqrt(1 - mu * mu), 0 * mu, mu], axis=-1)
 
     @jax.jit
     def added(values: Any, cosines: Any) -> Any:
-        wo = directions(jnp.asarray(x**3))
-        return jax.vmap(lambda value, mu: shader.build(**{given: value})(directions(mu), wo) @ share)(values, cosines)
+        wo = directions(jnp.asarray(leaving))
+        return jax.vmap(lambda value, mu: shader.build(**{given: value})(directions(mu), wo) @ (np.pi * share))(values, cosines)
 
     def everywhere(values: np.ndarray, cosines: np.ndarray) -> np.ndarray:
         # In pieces of one length: for another one a program is compiled.

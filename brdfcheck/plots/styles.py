@@ -103,11 +103,11 @@ def style_of(name: str) -> Style:
     lobe, _, objective = name.partition(", ")
     if lobe in VARIANTS and objective in FITS:
         return style_of(lobe)._replace(dashes=FITS[objective])
-    ticket = zlib.crc32(name.rpartition("/")[2].encode())
-    return _guest(ticket)
+    return _guest(name)
 
 
-def _guest(ticket: int) -> Style:
+def _guest(name: str, more: int = 0) -> Style:
+    ticket = zlib.crc32(name.rpartition("/")[2].encode()) + more
     color = ticket % len(_GUESTS)
     rest = ticket // len(_GUESTS)
     return Style(_GUESTS[color], DASHES[rest % len(DASHES)], _GUEST_MARKERS[(color + rest // len(DASHES)) % 5])
@@ -117,13 +117,11 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
     """The styles of the curves of one figure. Of two guests with the same one, the second gives way."""
     found: dict[str, Style] = {}
     for name in names:
-        style = style_of(name)
-        ticket = zlib.crc32(name.rpartition("/")[2].encode())
-        while name not in found and name.partition(", ")[0] not in VARIANTS and style in found.values():
-            ticket += 1
-            style = _guest(ticket)
-            if ticket > zlib.crc32(name.rpartition("/")[2].encode()) + 150:  # every style is taken
+        style, guest = style_of(name), name not in found and name.partition(", ")[0] not in VARIANTS
+        for more in range(1, 152):  # then every style is taken
+            if not guest or style not in found.values():
                 break
+            style = _guest(name, more)
         found.setdefault(name, style)
     return found
 

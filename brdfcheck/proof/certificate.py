@@ -19,7 +19,8 @@ SCHEMA = "brdfcheck-certificate"
 SCHEMA_VERSION = 1
 CONSERVES, VIOLATES = "CONSERVES", "VIOLATES"
 _DIGITS = 30
-_BOXES = ["normal incidence", "convex in n"]
+Ends = tuple[Fraction, Fraction | None]
+"""A range of a parameter; without an upper end, where that is None."""
 
 
 @dataclass(frozen=True)
@@ -64,35 +65,31 @@ def bound(value: Fraction | None) -> str:
     return "inf" if value is None else written(value)
 
 
-def conserving(claim: Claim, parameter: str, low: Fraction, high: Fraction | None, pieces: Sequence[Piece]) -> Certificate:
-    """The certificate of a lobe whose one piece lies below 1."""
-    return _boxes(claim, parameter, (low, high), pieces, None)
+def range_record(ranges: Mapping[str, Ends]) -> dict[str, list[str]]:
+    """The ranges of parameters in a certificate."""
+    return {name: [written(low), bound(high)] for name, (low, high) in ranges.items()}
 
 
-def violating(
-    claim: Claim, parameter: str, low: Fraction, high: Fraction | None, pieces: Sequence[Piece], point: Fraction
-) -> Certificate:
-    """The certificate of a lobe that exceeds 1 at `point`; `pieces`: where else it is above or below."""
-    # Where a lobe rises with its angle, normal incidence says nothing of other angles.
-    limit = claim.profile.falls_until()
-    known = [piece for piece in pieces if piece.side == ABOVE or limit == math.inf or piece.nodes[-1] <= limit]
-    return _boxes(claim, parameter, (low, high), known, point)
+def over(ranges: Mapping[str, Ends]) -> str:
+    """The ranges of parameters in words."""
+    parts = [f"every {name} from {low} to {high}" for name, (low, high) in range_record(ranges).items()]
+    return " and ".join(parts) or "its parameters"
 
 
-def _boxes(
-    claim: Claim,
-    parameter: str,
-    ends: tuple[Fraction, Fraction | None],
-    pieces: Sequence[Piece],
-    point: Fraction | None,
-) -> Certificate:
-    """The certificate of a lobe with a factor; `point`: where the albedo exceeds 1."""
+def of_lobe(claim: Claim, parameter: str, ends: Ends, pieces: Sequence[Piece], point: Fraction | None = None) -> Certificate:
+    """The certificate of a lobe with a factor: of its one piece below 1, or that it exceeds 1 at `point`.
+
+    `pieces` then says where else it is above or below.
+    """
     brdf = f"{claim.factor.formula} {claim.profile.formula}" if claim.profile.formula else "reflectance/pi"
     parts, more = [], {}
     if point is not None:
         least, most = decimals(claim.albedo(point))
         parts = [f"in [{least}, {most}] for {parameter} = {written(point)} at normal incidence"]
         more = {"point": {parameter: written(point), "albedo": [least, most]}}
+        # Where a lobe rises with its angle, normal incidence says nothing of other angles.
+        limit = claim.profile.falls_until()
+        pieces = [piece for piece in pieces if piece.side == ABOVE or limit == math.inf or piece.nodes[-1] <= limit]
     for piece in pieces:
         last = ends[1] if piece.onwards else piece.nodes[-1]
         place = {BELOW: "every angle of incidence", ABOVE: "normal incidence"}[piece.side]
@@ -103,24 +100,27 @@ def _boxes(
         formula=brdf,
         lobe=claim.profile.record,
         factor=claim.factor.record,
-        range={parameter: [written(ends[0]), bound(ends[1])]},
+        range=range_record({parameter: ends}),
         theorems=["normal incidence", "convex in n"],
         **more,
-        cover=cover_record(pieces),
+        cover=[
+            {"albedo": piece.side, "nodes": [written(node) for node in piece.nodes], "onwards": piece.onwards}
+            for piece in pieces
+        ],
     )
 
 
-def reciprocal(profile: Profile, parameter: str, low: Fraction, high: Fraction | None) -> Certificate:
+def reciprocal(profile: Profile, parameter: str, ends: Ends) -> Certificate:
     """The certificate of a lobe over its own albedo at normal incidence."""
     brdf = f"{profile.formula}, divided by its albedo at normal incidence,"
     return document(
         CONSERVES,
-        f"The directional albedo of {brdf} is at most 1 for every {parameter} from {written(low)} to {bound(high)} at every"
-        " angle of incidence, and 1 at normal incidence.",
+        f"The directional albedo of {brdf} is at most 1 for {over({parameter: ends})} at every angle of incidence, and 1"
+        " at normal incidence.",
         formula=brdf,
         lobe=profile.record,
         factor="reciprocal of the albedo",
-        range={parameter: [written(low), bound(high)]},
+        range=range_record({parameter: ends}),
         theorems=["normal incidence"],
     )
 
@@ -130,10 +130,3 @@ def decimals(value: Number) -> tuple[str, str]:
     scale = 10**_DIGITS
     low, high = lower(value) * scale // 1, -(-upper(value) * scale // 1)
     return written(Fraction(low, scale)), written(Fraction(high, scale))
-
-
-def cover_record(pieces: Sequence[Piece]) -> list[dict[str, Any]]:
-    """The boxes of a proof in a certificate."""
-    return [
-        {"albedo": piece.side, "nodes": [written(node) for node in piece.nodes], "onwards": piece.onwards} for piece in pieces
-    ]

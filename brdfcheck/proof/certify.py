@@ -15,13 +15,12 @@ from brdfcheck.brdf.subject import as_target
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.messages import UsageError
 from brdfcheck.proof import facets, functions, mixtures, surfaces
-from brdfcheck.proof.certificate import Certificate, conserving, reciprocal, violating
+from brdfcheck.proof.certificate import Certificate, Ends, of_lobe, reciprocal
 from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
 from brdfcheck.proof.reading import Lobe, Unknown, built, exact, lobe_of
 
 _FIRST_PART = 1000
-Ends = tuple[Fraction, Fraction | None]
 
 
 def certify(
@@ -106,18 +105,19 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
     if not ends:
         values = np.asarray(getattr(brdf.core, parameter))  # of several channels from the least to the largest
         ends[parameter] = exact(values.min(), parameter), exact(values.max(), parameter)
-    return _lobe(lobe, *ends[parameter], normal=family.cos_theta[1] == 1, most=most)
+    return _lobe(lobe, ends[parameter], normal=family.cos_theta[1] == 1, most=most)
 
 
-def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool, most: int) -> Certificate:
+def _lobe(lobe: Lobe, ends: Ends, *, normal: bool, most: int) -> Certificate:
     """The certificate of a lobe. `normal`: normal incidence is one of the angles asked about."""
+    low, high = ends
     if low < 0:
         raise UsageError(f"{lobe.parameter} must be >= 0; got {written(low)}")
     monotone = lobe.profile.falls_until() >= (math.inf if high is None else high)
     if lobe.factor is None:
         if not monotone:
             raise NotProved(_rises(lobe))
-        return reciprocal(lobe.profile, lobe.parameter, low, high)
+        return reciprocal(lobe.profile, lobe.parameter, ends)
     claim = Claim(lobe.profile, lobe.factor)
     try:
         pieces = cover(claim, low, high, most)
@@ -129,10 +129,10 @@ def _lobe(lobe: Lobe, low: Fraction, high: Fraction | None, *, normal: bool, mos
     if any(piece.side == ABOVE for piece in pieces):
         if not normal:
             raise NotProved("it exceeds 1 at normal incidence, which the range of cos_theta leaves out")
-        return violating(claim, lobe.parameter, low, high, pieces, peak(claim, pieces))
+        return of_lobe(claim, lobe.parameter, ends, pieces, peak(claim, pieces))
     if not monotone:
         raise NotProved(_rises(lobe))
-    return conserving(claim, lobe.parameter, low, high, pieces)
+    return of_lobe(claim, lobe.parameter, ends, pieces)
 
 
 def _rises(lobe: Lobe) -> str:

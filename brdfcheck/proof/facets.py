@@ -19,11 +19,9 @@ from jax.core import Tracer
 from brdfcheck.brdf.factors import Normalized, PerCosine, PhongExact
 from brdfcheck.brdf.lobes import Phong
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
-from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, bound, document, written
-from brdfcheck.proof.cover import NotProved
+from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, Ends, bound, document, over, range_record
+from brdfcheck.proof.cover import NotProved, written
 from brdfcheck.proof.intervals import lower, pi, sqrt
-
-Ends = tuple[Fraction, Fraction | None]
 
 _MASKED = ("v-cavities", "smith-separable", "smith-correlated")
 _FRESNELS = {"1": "F = 1", "dielectric": "Fresnel's F of a dielectric", "schlick": "Schlick's F"}
@@ -93,10 +91,10 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends], cosine: Fra
     if not failed:
         return document(
             CONSERVES,
-            f"The directional albedo of {_facets(lobe)} is at most 1 for {_over(ranges)} at every angle of incidence.",
+            f"The directional albedo of {_facets(lobe)} is at most 1 for {over(ranges)} at every angle of incidence.",
             formula=_facets(lobe),
             lobe=dict(lobe),
-            range={name: [written(low), bound(high)] for name, (low, high) in ranges.items()},
+            range=range_record(ranges),
             theorems=["masked projected areas"],
             premises=list(_PREMISES),
         )
@@ -105,11 +103,6 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends], cosine: Fra
     if not plain or known is None or tuple(ranges) != ("m",):
         raise NotProved(f"the theorem on masked projected areas does not apply: {'; '.join(failed)}")
     return _point(lobe, ranges, *known(ranges, cosine))
-
-
-def _over(ranges: Mapping[str, Ends]) -> str:
-    parts = [f"every {name} from {written(low)} to {bound(high)}" for name, (low, high) in ranges.items()]
-    return " and ".join(parts) or "its parameters"
 
 
 def _facets(lobe: Mapping[str, Any]) -> str:
@@ -135,7 +128,7 @@ def _point(
         f"The directional albedo of {brdf} is at least {written(least)} for {spots}.",
         formula=brdf,
         lobe=dict(lobe),
-        range={name: [written(low), bound(high)] for name, (low, high) in ranges.items()},
+        range=range_record(ranges),
         theorems=[why],
         point={**{name: written(value) for name, value in place.items()}, "albedo at least": written(least)},
     )

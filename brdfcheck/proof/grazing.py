@@ -15,7 +15,7 @@ import numpy as np
 
 from brdfcheck.proof import enclosures as e
 from brdfcheck.proof.enclosures import Enclosed, Pair, Truth
-from brdfcheck.proof.operations import Value, apply, as_number, as_truth, taken
+from brdfcheck.proof.operations import OPERATIONS, Value, apply, as_number, as_truth, taken
 from brdfcheck.proof.programs import Program, Step
 
 _HIGHEST = 2
@@ -23,6 +23,8 @@ Powers = tuple[int, int]
 # How a power of a product may be shared out among its factors.
 _SHARES = {0: ((0, 0), (1, -1), (-1, 1)), 1: ((1, 0), (0, 1)), -1: ((-1, 0), (0, -1)), 2: ((1, 1), (2, 0), (0, 2)),
            -2: ((-1, -1), (-2, 0), (0, -2))}  # fmt: skip
+# What these do to values they do to their products with what is not negative.
+_HOMOGENEOUS = frozenset(("add", "add_any", "sub", "neg", "abs", "max", "min", "clamp"))
 
 
 class Graded:
@@ -105,20 +107,8 @@ def _rule(step: Step, parts: Sequence[Graded]) -> Callable[[Powers], Pair] | Non
         return None
     x, y = parts[0], parts[-1]
     name, power = step.name, step.parameters.get("y", 2)
-    if name in ("add", "add_any"):
-        return _each(e.plus, x, y)
-    if name == "sub":
-        return _each(lambda a, b: e.plus(a, e.minus(b)), x, y)
-    if name == "neg":
-        return _each(e.minus, x)
-    if name == "abs":
-        return _each(e.absolute, x)
-    if name == "max":
-        return _each(e.maximum, x, y)
-    if name == "min":
-        return _each(e.minimum, x, y)
-    if name == "clamp":
-        return _each(lambda low, a, high: e.minimum(e.maximum(a, low), high), *parts)
+    if name in _HOMOGENEOUS:
+        return _each(OPERATIONS[name], *parts)
     if name == "select_n":
         condition = as_truth(parts[0].value)
         return _each(lambda no, yes: e.select(condition, yes, no), *parts[1:])

@@ -45,10 +45,6 @@ class Cells:
         s, q = np.meshgrid(np.arange(8) / 8, np.arange(8 * int(turns)) / 8, indexing="ij")
         return Cells(np.stack([s.ravel(), s.ravel() + 1 / 8]), np.stack([q.ravel(), q.ravel() + 1 / 8]))
 
-    @property
-    def area(self) -> np.ndarray:
-        return (self.s[1] - self.s[0]) * (self.q[1] - self.q[0])
-
     def split(self, along_s: np.ndarray, along_q: np.ndarray) -> Cells:
         """These cells, halved where it is said."""
         s, q, again = _halved(self.s, self.q, along_s)

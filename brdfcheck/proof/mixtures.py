@@ -17,11 +17,10 @@ from jax.core import Tracer
 
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.mixtures import FresnelBlend, Mixture
-from brdfcheck.proof.certificate import CONSERVES, Certificate, bound, document
+from brdfcheck.proof.certificate import CONSERVES, Certificate, Ends, document, over, range_record
 from brdfcheck.proof.cover import NotProved, written
-from brdfcheck.proof.reading import Unknown, exact
-from brdfcheck.proof.terms import Ends, Terms, corners, terms_of, words
-from brdfcheck.runtime import double_precision
+from brdfcheck.proof.reading import Unknown, exact, from_symbols
+from brdfcheck.proof.terms import Terms, corners, terms_of, words
 
 KINDS = ("mixture", "fresnel blend")
 
@@ -31,27 +30,14 @@ def certificate(family: Family, ends: Mapping[str, Ends], prove: Callable[[Famil
 
     Unknown where a weight is not a number, where weights add up to more than 1, or where a part is not proved to conserve.
     """
-    made: list[Any] = []
     names = tuple(family.ranges)
-
-    def build(*values: Any) -> list[Any]:
-        made.append(family.build(**dict(zip(names, values, strict=True))))
-        return jax.tree.leaves(made[-1])
-
-    values = tuple(np.float32(low) for low, _ in family.ranges.values())
     try:
-        with double_precision():  # constants keep their digits
-            jaxpr = jax.make_jaxpr(build)(*values).jaxpr
-            if names:  # with symbols in place of the parameters, but with numbers for what is constant
-                jax.jvp(build, values, tuple(map(np.ones_like, values)))
-            else:
-                build()
+        brdf, jaxpr = from_symbols(family, jax.tree.leaves)
     except (Exception, SystemExit):  # whatever a user's factory throws; who reads formulas says what is wrong
         return None
-    brdf = made[-1]
     if type(brdf) not in (Mixture, FresnelBlend):
         return None
-    reached = _reached(jaxpr, names)
+    reached = _reached(jaxpr, names) if names else []
     sizes = [len(jax.tree.leaves(part)) for part in _parts(brdf)]
     parts = []
     for j, start in enumerate(np.cumsum([0, *sizes[:-1]])):
@@ -112,8 +98,7 @@ def assembled(lobe: Mapping[str, Any], parts: Sequence[Mapping[str, Any]], range
     for part in parts:
         if part["verdict"] != CONSERVES:
             raise NotProved(f"a part does not conserve, which says nothing of the sum: {part['statement']}")
-    over = {name: [written(low), bound(high)] for name, (low, high) in ranges.items()}
-    formulas = [_formula(part, over) for part in parts]
+    formulas = [_formula(part, range_record(ranges)) for part in parts]
     if lobe["kind"] == "mixture":
         weights: list[Terms] = [{"": weight} if isinstance(weight, str) else weight for weight in lobe["weights"]]
         least = min(value for weight in weights for _, value in corners("weight", [weight], ranges))
@@ -132,23 +117,22 @@ def assembled(lobe: Mapping[str, Any], parts: Sequence[Mapping[str, Any]], range
         formula = f"min(F(L), F(V)) [{coat}] + (1 - max(F(L), F(V))) [{base}] with Schlick's F"
         formula += " of every f0" if lobe["f0"] == "f0" else f" of f0 = {lobe['f0']}"
         theorem = "Fresnel blend"
-    where = " and ".join(f"every {name} from {low} to {high}" for name, (low, high) in over.items())
     return document(
         CONSERVES,
-        f"The directional albedo of {formula} is at most 1 for {where or 'its parameters'} at every angle of incidence.",
+        f"The directional albedo of {formula} is at most 1 for {over(ranges)} at every angle of incidence.",
         formula=formula,
         lobe=dict(lobe),
-        range=over,
+        range=range_record(ranges),
         theorems=[theorem],
         parts=[{key: value for key, value in part.items() if key != "versions"} for part in parts],
     )
 
 
-def _formula(part: Mapping[str, Any], over: Mapping[str, list[str]]) -> str:
+def _formula(part: Mapping[str, Any], ranges: Mapping[str, list[str]]) -> str:
     """The formula of a part with what it holds fixed. NotProved where a parameter of the sum has another range in it."""
     held = []
     for name, (low, high) in part["range"].items():
-        if over.get(name) != [low, high]:
+        if ranges.get(name) != [low, high]:
             if low != high:
                 raise NotProved(f"a part is proved over another range of {name}")
             held.append(f"{name} = {low}")

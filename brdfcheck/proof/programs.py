@@ -320,3 +320,15 @@ class Program:
                 seen.update(step.arguments)
             self._done = done[::-1]
         return self._done
+
+
+def taken(parts: list[list[Any]], places: np.ndarray) -> list[Any]:
+    """For `Program.run`, of values that are lists of numbers: a move."""
+    together = [one for part in parts for one in part]
+    return [together[place] for place in places]
+
+
+def rows_of(arguments: list[list[Any]]) -> list[tuple[Any, ...]]:
+    """The arguments of an operation number by number; of a single number as often as the others have numbers."""
+    size = max(map(len, arguments))
+    return list(zip(*(part if len(part) == size else part * size for part in arguments), strict=True))

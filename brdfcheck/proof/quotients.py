@@ -6,11 +6,12 @@ negative under the root. The terms of a program are compared as terms: nothing i
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from brdfcheck.proof.programs import Program, Step
+from brdfcheck.proof.programs import Program, Step, rows_of, taken
 
 Term = tuple[Any, ...]
 
@@ -32,13 +33,8 @@ class _Terms:
     def constant(self, value: np.ndarray) -> list[int]:
         return [self.term("number", float(x)) for x in value]
 
-    def take(self, parts: list[list[int]], places: np.ndarray) -> list[int]:
-        together = [term for part in parts for term in part]
-        return [together[place] for place in places]
-
     def apply(self, step: Step, arguments: list[list[int]]) -> list[int]:
-        size = max(map(len, arguments))
-        rows = list(zip(*(part if len(part) == size else part * size for part in arguments), strict=True))
+        rows = rows_of(arguments)
         if step.name in ("div", "mul"):
             bounded = np.array([self._is_unit(step.name, *row) for row in rows])
             if bounded.any():
@@ -67,27 +63,20 @@ class _Terms:
     def _exceeds(self, bound: int, x: int) -> bool:
         """Is `bound` at least |x|, wherever both are defined?"""
         name, *parts = self.terms[bound]
-        if name == "sqrt":
-            return self._holds_square(parts[-1], x)
-        if name == "max":
-            return any(self._exceeds(part, x) for part in parts[1:])
-        if name == "add":
-            a, b = parts[1:]
-            return (self._exceeds(a, x) and self._never_negative(b)) or (self._exceeds(b, x) and self._never_negative(a))
-        return False
+        return self._holds_square(parts[-1], x) if name == "sqrt" else self._by_parts(self._exceeds, name, parts, x)
 
     def _holds_square(self, total: int, x: int) -> bool:
         """Is `total` at least x^2?"""
         name, *parts = self.terms[total]
-        if name == "square":
-            return parts[0] == x
+        return parts[0] == x if name == "square" else self._by_parts(self._holds_square, name, parts, x)
+
+    def _by_parts(self, holds: Callable[[int, int], bool], name: str, parts: Sequence[Any], x: int) -> bool:
+        """Is a maximum, or a sum with what is not negative, large enough since a part of it is?"""
         if name == "max":
-            return any(self._holds_square(part, x) for part in parts[1:])
+            return any(holds(part, x) for part in parts[1:])
         if name == "add":
             a, b = parts[1:]
-            return (self._holds_square(a, x) and self._never_negative(b)) or (
-                self._holds_square(b, x) and self._never_negative(a)
-            )
+            return (holds(a, x) and self._never_negative(b)) or (holds(b, x) and self._never_negative(a))
         return False
 
     def _never_negative(self, of: int) -> bool:
@@ -105,5 +94,5 @@ def unit_quotients(program: Program) -> dict[int, np.ndarray]:
     """For steps of which some numbers are in [-1, 1] wherever they are defined: which of them."""
     terms = _Terms()
     inputs = [[terms.term("input", i, j) for j in range(3 if i < 2 else 1)] for i in range(2 + len(program.names))]
-    program.run(inputs, terms.constant, terms.take, terms.apply)
+    program.run(inputs, terms.constant, taken, terms.apply)
     return terms.bounded

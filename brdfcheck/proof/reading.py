@@ -7,6 +7,7 @@ into the lobe as it is and whether all else is constant. Constants are the decim
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -64,34 +65,20 @@ def built(family: Family) -> Any:
     into the core as it is, or where anything else depends on it.
     """
     names = tuple(family.ranges)
-    values = [np.float32(1.0 if low <= 1 <= high else low) for low, high in family.ranges.values()]
 
-    def build(*numbers: Any) -> Any:
-        return family.build(**dict(zip(names, numbers, strict=True)))
-
-    made: list[Any] = []
-
-    def fields(*numbers: Any) -> list[Any]:
-        brdf = build(*numbers)
+    def fields(brdf: Any) -> list[Any]:
         if not isinstance(brdf, AbstractBRDF) or not isinstance(brdf.core, AbstractBRDF):
             raise Unknown(f"{family.name} is no formula that certify knows; it knows {_KNOWN}")
-        made.append(brdf)
         return [getattr(brdf.core, name, 0.0) for name in names]
 
-    if not names:
-        with double_precision():
-            fields()
-        return made[-1]
     try:
-        with double_precision():  # constants keep their digits
-            jaxpr = jax.make_jaxpr(fields)(*values).jaxpr
-            made.clear()
-            jax.jvp(fields, tuple(values), tuple(np.ones_like(value) for value in values))  # symbols, but constants are numbers
+        brdf, jaxpr = from_symbols(family, fields)
     except UsageError:
         raise
     except (Exception, SystemExit) as error:
         raise Unknown(f"{family.name} cannot be built from a symbol: {one_line(error).partition('. ')[0]}") from None
-    brdf = made[-1]
+    if not names:
+        return brdf
     makers = {variable: equation for equation in jaxpr.eqns for variable in equation.outvars}
     for name, variable, source in zip(names, jaxpr.outvars, jaxpr.invars, strict=True):
         while variable is not source:
@@ -104,6 +91,28 @@ def built(family: Family) -> Any:
     if len(constant) + len(names) != len(jax.tree.leaves(brdf)):
         raise Unknown(f"{family.name}: something beside {', '.join(names)} depends on {', '.join(names)}")
     return brdf
+
+
+def from_symbols(family: Family, fields: Callable[[Any], list[Any]]) -> tuple[Any, Any]:
+    """What a family makes with symbols in place of its parameters, and the jaxpr of its `fields` (None without parameters).
+
+    What does not depend on a parameter is a number there. Raises what the family's factory and `fields` raise.
+    """
+    names = tuple(family.ranges)
+    values = tuple(np.float32(1.0 if low <= 1 <= high else low) for low, high in family.ranges.values())
+    made: list[Any] = []
+
+    def build(*numbers: Any) -> list[Any]:
+        made.append(family.build(**dict(zip(names, numbers, strict=True))))
+        return fields(made[-1])
+
+    with double_precision():  # constants keep their digits
+        if not names:
+            build()
+            return made[-1], None
+        jaxpr = jax.make_jaxpr(build)(*values).jaxpr
+        jax.jvp(build, values, tuple(map(np.ones_like, values)))  # symbols, but constants are numbers
+    return made[-1], jaxpr
 
 
 def exact(value: Any, name: str) -> Fraction:

@@ -16,10 +16,10 @@ import numpy as np
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.transmission import LambertTransmission, RoughDielectric, SmoothDielectric, ThinSheet
 from brdfcheck.brdf.two_sides import BELOW
-from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, bound, document
+from brdfcheck.proof.certificate import CONSERVES, VIOLATES, Certificate, Ends, document, over, range_record
 from brdfcheck.proof.cover import NotProved, written
 from brdfcheck.proof.reading import Unknown, exact
-from brdfcheck.proof.terms import Ends, Terms, corners, terms_of, words
+from brdfcheck.proof.terms import Terms, corners, terms_of, words
 
 KIND = "surface"
 # The least and the largest value of each field; least values of None are left out, and infinite largest ones are no bound.
@@ -76,11 +76,10 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends]) -> Certific
             domain = "> 0" if least is None else ">= 0" if most == math.inf else "from 0 to 1"
             raise NotProved(f"the {field} of a {name} must be {domain}")
     formula = f"R + T of a {name} with " + ", ".join(f"{field} = {words(terms)}" for field, terms in fields.items())
-    over = " and ".join(f"every {key} from {written(low)} to {bound(high)}" for key, (low, high) in ranges.items())
     content: dict[str, Any] = {
         "formula": formula,
         "lobe": {**lobe, "fields": {field: dict(terms) for field, terms in fields.items()}},
-        "range": {key: [written(low), bound(high)] for key, (low, high) in ranges.items()},
+        "range": range_record(ranges),
         "theorems": ["what is not reflected is transmitted, or lost"],
     }
     if name == "matte sheet":
@@ -90,7 +89,5 @@ def certificate(lobe: Mapping[str, Any], ranges: Mapping[str, Ends]) -> Certific
             where = " and ".join(f"{key} = {value}" for key, value in spot.items()) or "its parameters"
             statement = f"The energy {formula} is {written(energy)} for {where} at every angle of incidence, from both sides."
             return document(VIOLATES, statement, **content, point={**spot, "albedo": [written(energy)] * 2})
-    statement = (
-        f"The energy {formula} is at most 1 for {over or 'its parameters'} at every angle of incidence, from both sides."
-    )
+    statement = f"The energy {formula} is at most 1 for {over(ranges)} at every angle of incidence, from both sides."
     return document(CONSERVES, statement, **content)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfcheck.proof.programs import Program, Step
+from brdfcheck.proof.programs import Program, Step, rows_of, taken
 
 _MOST_TERMS = 500
 # Components of wi and wo by their place in a monomial's powers: x, y, z of each. What follows are unchanging numbers.
@@ -93,14 +93,8 @@ class _Values:
     def constant(self, value: np.ndarray) -> list[Poly]:
         return [_number(x) if np.isfinite(x) else self.made(str(x)) for x in value]
 
-    def take(self, parts: list[list[Poly]], places: np.ndarray) -> list[Poly]:
-        together = [poly for part in parts for poly in part]
-        return [together[place] for place in places]
-
     def apply(self, step: Step, arguments: list[list[Poly]]) -> list[Poly]:
-        size = max(map(len, arguments))
-        columns = [part if len(part) == size else part * size for part in arguments]
-        return [self._one(step, row) for row in zip(*columns, strict=True)]
+        return [self._one(step, row) for row in rows_of(arguments)]
 
     def _product(self, a: Poly, b: Poly) -> Poly:
         """Their product; of too many terms it is a new number, if neither changes."""
@@ -141,7 +135,7 @@ def _run(program: Program, values: _Values) -> list[Poly] | None:
     parameters = [[values.made(name)] for name in program.names]
     run: Callable[..., Any] = program.run
     try:
-        return run([*directions, *parameters], values.constant, values.take, values.apply)
+        return run([*directions, *parameters], values.constant, taken, values.apply)
     except _Depends:
         return None
 

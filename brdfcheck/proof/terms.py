@@ -10,13 +10,13 @@ from fractions import Fraction
 from typing import Any
 
 from brdfcheck.brdf.family import Family
+from brdfcheck.proof.certificate import Ends
 from brdfcheck.proof.cover import written
 from brdfcheck.proof.operations import COVERED
 from brdfcheck.proof.programs import Program
 from brdfcheck.proof.reading import Unknown
 from brdfcheck.proof.symmetry import polynomials
 
-Ends = tuple[Fraction, Fraction | None]
 Terms = Mapping[str, str]
 """A polynomial: coefficients by products of parameters, such as "albedo*through"."""
 

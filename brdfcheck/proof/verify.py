@@ -13,7 +13,7 @@ from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.proof import facets, functions, mixtures, surfaces
-from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, conserving, reciprocal, violating
+from brdfcheck.proof.certificate import CONSERVES, SCHEMA, SCHEMA_VERSION, Certificate, Ends, of_lobe, reciprocal
 from brdfcheck.proof.cover import ABOVE, BELOW, Claim, LinearFactor, NotProved, Piece
 from brdfcheck.proof.lobes import KINDS, Profile
 
@@ -97,9 +97,10 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
         return surfaces.certificate(record["lobe"], _ranges(record))
     if record["lobe"]["kind"] not in KINDS:
         return facets.certificate(record["lobe"], _ranges(record), Fraction(record.get("point", {}).get("cos_theta", 0)))
-    ((parameter, (first, last)),) = record["range"].items()
-    low, high = Fraction(first), None if last == "inf" else Fraction(last)
+    ((parameter, ends),) = _ranges(record).items()
+    low, high = ends
     if low < 0 or (high is not None and high < low):
+        first, last = record["range"][parameter]
         raise Rejected(f"{parameter} must run over numbers >= 0, from the lower to the upper end; got {first} to {last}")
     lobe = dict(record["lobe"])
     profile: Profile = KINDS[lobe.pop("kind")](**lobe)
@@ -108,7 +109,7 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
     if record["verdict"] == CONSERVES and profile.falls_until() < (float("inf") if high is None else high):
         raise Rejected("the lobe rises with its angle: the theorem on normal incidence does not apply")
     if isinstance(record["factor"], str):
-        return reciprocal(profile, parameter, low, high)
+        return reciprocal(profile, parameter, ends)
     claim = Claim(profile, LinearFactor.of(record["factor"]))
     if profile.record["kind"] == "constant" and claim.factor != LinearFactor(Fraction(0), power=1):
         raise Rejected("the factor of Lambert's lobe is the reflectance over pi")
@@ -121,11 +122,11 @@ def _proved(record: Mapping[str, Any]) -> Certificate:
         point = Fraction(record["point"][parameter])
         if not low <= point or (high is not None and point > high) or claim.side(point) != ABOVE:
             raise Rejected(f"at {parameter} = {point} the albedo is not above 1, or {parameter} is out of range")
-        return violating(claim, parameter, low, high, pieces, point)
+        return of_lobe(claim, parameter, ends, pieces, point)
     (piece,) = pieces
     if piece.side != BELOW or piece.nodes[0] != low or not (piece.onwards or piece.nodes[-1] == high):
         raise Rejected("its boxes do not cover the range")
-    return conserving(claim, parameter, low, high, pieces)
+    return of_lobe(claim, parameter, ends, pieces)
 
 
 def _of_program(record: Mapping[str, Any], target: Any, reading: Reading | None) -> Certificate:
@@ -140,7 +141,7 @@ def _of_program(record: Mapping[str, Any], target: Any, reading: Reading | None)
     return functions.again(record, subject.family)
 
 
-def _ranges(record: Mapping[str, Any]) -> dict[str, tuple[Fraction, Fraction | None]]:
+def _ranges(record: Mapping[str, Any]) -> dict[str, Ends]:
     return {name: (Fraction(low), None if high == "inf" else Fraction(high)) for name, (low, high) in record["range"].items()}
 
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck import geometry
-from brdfcheck.brdf.base import AbstractBRDF, AbstractHalves, AbstractMicrofacetLobe
+from brdfcheck.brdf.base import AbstractBRDF, AbstractHalves, AbstractMicrofacetLobe, of_type
 from brdfcheck.geometry import safe_root
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.half_vector import HalfVector
@@ -52,7 +51,7 @@ def directional_albedo(
     Of what transmits it is R + T for light from wo: what a furnace shows whose radiance over the square of the index is the
     same on both sides.
     """
-    brdf = jax.tree.map(lambda leaf: leaf.astype(cosine.dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
+    brdf = of_type(brdf, cosine.dtype)
     core: Any = brdf.core
     if fresnel == "none" and isinstance(core, AbstractHalves):
         engine = HalfVector(_HALVES)

@@ -6,7 +6,6 @@ deformed mesh cannot keep the normals of its old shape.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, final
 
@@ -105,14 +104,6 @@ def border(mesh: Mesh) -> Int[np.ndarray, " k"]:
     corners, vertices = np.sort(np.asarray(mesh.faces, np.int64), axis=1), len(mesh.vertices)
     edges, count = np.unique(corners[:, [0, 0, 1]] * vertices + corners[:, [1, 2, 2]], return_counts=True)
     return np.unique(np.divmod(edges[count == 1], vertices))
-
-
-def deformed(mesh: Mesh, move: Callable[[Array], Any]) -> Mesh:
-    """The mesh with its vertices at ``move(vertices)``, shape (vertices, 3), and the same faces.
-
-    ValueError as for `Mesh`: where a triangle collapses or a coordinate is not finite.
-    """
-    return Mesh(move(mesh.vertices), mesh.faces)
 
 
 def _positive(value: Any, name: str) -> float:

@@ -70,7 +70,12 @@ def shadings_of(
     interpolation: str = "area",
     cull: bool = True,
 ) -> list[Image]:
-    """`shade_mesh` for several of `SHADINGS`, one image for each: what is seen in a pixel is settled once for all."""
+    """Linear images (3, height, width), one for each of some of `SHADINGS`: the mesh under `shader`, before `background`.
+
+    What is seen in a pixel is settled once for all. `background` is a number, a colour or an image; `normals`, unit vectors at
+    the vertices, stand in for those of `vertex_normals`. For use under jit. ValueError for an unknown shading, and as for
+    `rasterise` and `vertex_normals`.
+    """
     for shading in shadings:
         one_of(shading, SHADINGS, "shading")
     if normals is None:
@@ -79,18 +84,6 @@ def shadings_of(
     images = [SHADINGS[shading](mesh, camera, fragments, normals, shader) for shading in shadings]
     behind = jnp.asarray(background, images[0].dtype)
     return [jnp.where(fragments.covered, image, behind if behind.ndim != 1 else behind[:, None, None]) for image in images]
-
-
-def shade_mesh(
-    mesh: Mesh, camera: AbstractCamera, shader: Shader, *, size: Size, shading: str = "phong", **options: Any
-) -> Image:
-    """A linear image (3, height, width): the mesh under `shader`, before `background` (a number, a colour or an image).
-
-    `shading` is one of `SHADINGS`; `normals`, unit vectors at the vertices, stand in for those of `vertex_normals`. The
-    options are those of `shadings_of`. For use under jit. ValueError for an unknown shading, and as for `rasterise` and
-    `vertex_normals`.
-    """
-    return shadings_of(mesh, camera, shader, (shading,), size=size, **options)[0]
 
 
 @eqx.filter_jit

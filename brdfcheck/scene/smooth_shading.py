@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,11 +20,6 @@ _LEVELS = (0, 1, 2, 3)
 
 def _single(mesh_level: int) -> meshes.Mesh:
     return meshes.icosphere(mesh_level, jnp.float32)
-
-
-def _turned(columns: Sequence[Sequence[Image]]) -> list[list[Image]]:
-    """Rows of columns."""
-    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _faces(level: int) -> str:
@@ -61,7 +54,7 @@ def gouraud_phong(canvas: Canvas) -> Image:
         reach = np.degrees(float(failures.facet_circumradius(mesh)))
         columns.append(f"{_faces(level)}, {reach:.1f}°\nleft: {float(failures.lost_highlight(mesh, n)):.1%}")
     across = f"angle from a facet's centre to its corners; what Gouraud shading leaves of a highlight there, n = {n:g}"
-    return contact_sheet(_turned(pictures), columns=columns, labels=(*shadings, "exact"), across=across)
+    return contact_sheet(list(zip(*pictures, strict=True)), columns=columns, labels=(*shadings, "exact"), across=across)
 
 
 _ASIDE = np.array([0.3, 0.2, 1.0])
@@ -80,7 +73,7 @@ def silhouette_bleed(canvas: Canvas) -> Image:
     covered, exact = (canvas.sphere(white, light, camera)[0] for light in ([Ambient(1.0)], lights))
     pictures.append([colored(exact, covered, 1e-3, 1.0)] * 2)
     across = "light straight from behind: none of it should be seen, all that is coloured is wrong"
-    sheet = contact_sheet(_turned(pictures), columns=(*columns, "exact"), labels=shadings, across=across)
+    sheet = contact_sheet(list(zip(*pictures, strict=True)), columns=(*columns, "exact"), labels=shadings, across=across)
     return stacked(sheet, color_scale(sheet.shape[2], "what is reflected; white: less than 0.001", 1e-3, 1.0))
 
 
@@ -128,7 +121,7 @@ def sheets(canvas: Canvas) -> Image:
     ]
     pictures = [canvas.meshes(mesh, camera, white, lights, ("flat", "gouraud"), background=0.02) for mesh in sheets.values()]
     across = "contrast of facets, of averaged normals"
-    return contact_sheet(_turned(pictures), columns=columns, labels=("flat", "gouraud"), across=across)
+    return contact_sheet(list(zip(*pictures, strict=True)), columns=columns, labels=("flat", "gouraud"), across=across)
 
 
 _CORNERS, _COLORS = ((-0.7, -0.7), (0.7, -0.7), (0.7, 0.7), (-0.7, 0.7)), (0.0, 1.0, 0.0, 1.0)
@@ -158,4 +151,6 @@ def quadrilaterals(canvas: Canvas) -> Image:
         centre = failures.turned_quadrilateral(jnp.asarray(_CORNERS), jnp.asarray(_COLORS), jnp.zeros(2), angle)
         columns.append(f"{degrees} degrees: {float(centre):.2f}")
     across = "a square turned, its corners 0, 1, 0, 1: what the centre is by scan lines"
-    return contact_sheet(_turned(pictures), columns=columns, labels=("scan lines", "two triangles"), across=across)
+    return contact_sheet(
+        list(zip(*pictures, strict=True)), columns=columns, labels=("scan lines", "two triangles"), across=across
+    )

@@ -22,6 +22,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from brdfcheck.brdf.base import of_type
 from brdfcheck.brdf.transmission import AbstractSmooth, SmoothDielectric
 from brdfcheck.geometry import reflected, refracted
 from brdfcheck.scene.artistic import Translucent
@@ -323,11 +324,7 @@ def _trace(
     static: tuple[Size, int, bool, Any, int],
 ) -> Array:
     size, depth, shadows, dtype, most = static
-
-    def cast(leaf: Any) -> Any:
-        return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
-
-    bodies, lights, background, least_weight = jax.tree.map(cast, (bodies, lights, background, least_weight))
+    bodies, lights, background, least_weight = of_type((bodies, lights, background, least_weight), dtype)
     pixels = size[0] * size[1]
     count = min(most, pixels)
     blocks = -(-pixels // count)

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from brdfcheck.brdf.base import of_type
 from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.albedo import batched
@@ -29,7 +30,6 @@ from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
 from brdfcheck.sweep.plan import CELL, Chunk, Plan
-from brdfcheck.sweep.subjects import of_type
 
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.

@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, of_type
 from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import refuse_reading
@@ -204,7 +204,7 @@ class Plan:
         def cell(numbers: dict[str, Any]) -> Any:
             brdf = build(**{name: numbers[name] for name in self._parameters})
             if isinstance(brdf, AbstractBRDF):
-                brdf = subjects.of_type(brdf, dtype)
+                brdf = of_type(brdf, dtype)
             elif caller is not None:
                 brdf = caller.brdf([numbers[name] for name in self._parameters])
                 brdf = subjects.turned(brdf, numbers["azimuth"]) if "azimuth" in numbers else brdf

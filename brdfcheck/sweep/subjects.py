@@ -17,12 +17,12 @@ import numpy as np
 
 from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.factors import has_engine
-from brdfcheck.brdf.family import Family
+from brdfcheck.brdf.family import Family, NoRange
 from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import beside
 from brdfcheck.brdf.signatures import Signature, signature_of
-from brdfcheck.brdf.subject import NoRange, family_of, named, no_parameter, resolve
+from brdfcheck.brdf.subject import family_of, named, no_parameter, resolve
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.functions import Adaptive
 from brdfcheck.quadrature.registry import RULES, engine_of
@@ -164,13 +164,6 @@ def method(rule: AbstractRule, template: Any, *, table: bool) -> Method:
     if isinstance(rule, AbstractEngine) and rule.batch > 1:
         return Method(rule, False, (1_000, 20_000), 512, rule.batch)
     return Method(rule, False, (32, 512), 4, 1)  # rules bound their memory themselves, for one cell
-
-
-def of_type(brdf: Any, dtype: Any) -> Any:
-    """The BRDF with its numbers in the type `dtype`, so that a rule runs in one precision throughout."""
-    return jax.tree.map(
-        lambda leaf: leaf.astype(dtype) if eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating) else leaf, brdf
-    )
 
 
 def turned(brdf: Callable[..., Any], azimuth: Any) -> Callable[..., Any]:

@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from brdfcheck.brdf.base import AbstractBRDF, core_of
+from brdfcheck.brdf.base import AbstractBRDF, core_of, of_type
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong, Schlick
+from brdfcheck.geometry import frame_about
 from brdfcheck.messages import one_of
 from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.quadrature.rule import checked_count
@@ -83,7 +84,7 @@ def trace(
     posed = problem(enclosure, emission, reflectance)
     if not float(jnp.sum(posed.emission)) > 0:
         raise ValueError("nothing emits: at least one patch must have an emission above 0")
-    wall = _of_type(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
+    wall = _wall(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
     most = jnp.asarray(checked_count(max_bounces, "max_bounces") * each)
     # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
     shown = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * wall.reflectance) if diffuse else posed
@@ -206,7 +207,7 @@ def energy_after_bounces(
     """
     _checked(enclosure, key, sampling)
     each = -(-checked_count(paths, "paths") // (_GROUPS * _LANES)) * _LANES
-    wall = _of_type(brdf, enclosure.areas.dtype)
+    wall = _wall(brdf, enclosure.areas.dtype)
     return _energy(enclosure, wall, key, checked_count(bounces, "bounces"), each, sampling, jnp.asarray(bool(beam)))
 
 
@@ -252,12 +253,8 @@ def _cosine(u: Float[Array, "rays 2"]) -> Float[Array, "rays 3"]:
 
 
 def _to_world(normal: Array, local: Array) -> Array:
-    """From the frame of the normal, at any azimuth (Duff et al. 2017)."""
-    x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
-    sign = jnp.where(z >= 0, 1, -1).astype(z.dtype)
-    a = -1 / (sign + z)
-    first = jnp.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], axis=-1)
-    second = jnp.stack([x * y * a, sign + y * y * a, -y], axis=-1)
+    """From the frame of the normal, at any azimuth."""
+    first, second = (jnp.stack(axis, axis=-1) for axis in frame_about(*normal.T))
     return local[:, :1] * first + local[:, 1:2] * second + local[:, 2:] * normal
 
 
@@ -312,7 +309,7 @@ def _checked(enclosure: Any, key: Any, sampling: str) -> None:
     one_of(sampling, get_args(Sampling), "sampling")
 
 
-def _of_type(brdf: Any, dtype: Any) -> Any:
+def _wall(brdf: Any, dtype: Any) -> Any:
     """The BRDF in the precision of the enclosure. TypeError where its directions cannot be drawn."""
     core = core_of(brdf)
     if not has_axis(core):
@@ -321,4 +318,4 @@ def _of_type(brdf: Any, dtype: Any) -> Any:
     shape = jax.eval_shape(lambda: jnp.asarray(brdf(up, up))).shape
     if shape:
         raise ValueError(f"paths carry one channel; this BRDF has values of the shape {shape}")
-    return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, brdf)
+    return of_type(brdf, dtype)

@@ -6,6 +6,7 @@ import abc
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -21,9 +22,7 @@ from brdfcheck.brdf.readers.glsl.kinds import (
     Struct,
     Type,
     Vector,
-    each,
     kind_of,
-    leaves_of,
     numeric,
     rebuilt,
     vector,
@@ -208,7 +207,7 @@ class Accesses(Context):
         def run(machine: Machine) -> Any:
             get, put = locate(machine)
             before = get()
-            after = each(lambda x: x + x.dtype.type(1) if sign > 0 else x - x.dtype.type(1), before)
+            after = jax.tree.map(lambda x: x + x.dtype.type(1) if sign > 0 else x - x.dtype.type(1), before)
             put(after)
             return after if node.before else before
 
@@ -220,7 +219,7 @@ def _element(value: Any, index: Any) -> Any:
     if known(index):
         return value[int(index)]
     first, size = value[0], len(value)
-    columns = [leaves_of(part) for part in value]
+    columns = [jax.tree.leaves(part) for part in value]
     if size <= _FEW:
         found = [_chosen([column[leaf] for column in columns], index) for leaf in range(len(columns[0]))]
         return rebuilt(first, iter(found))
@@ -251,6 +250,6 @@ def _with_element(value: Any, index: Any, new: Any) -> Any:
         return (*value[:place], new, *value[place + 1 :])
 
     def at(place: int, before: Any) -> Any:
-        return each(lambda x, y: choose(index == place, x, y), new, before)
+        return jax.tree.map(lambda x, y: choose(index == place, x, y), new, before)
 
     return tuple(at(place, before) for place, before in enumerate(value))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 from typing import Any
 
+import jax
 import numpy as np
 
 from brdfcheck.brdf.readers.glsl import syntax
@@ -13,7 +14,7 @@ from brdfcheck.brdf.readers.glsl.constructors import Constructors
 from brdfcheck.brdf.readers.glsl.context import converting
 from brdfcheck.brdf.readers.glsl.errors import did_you_mean
 from brdfcheck.brdf.readers.glsl.foreign import FOREIGN
-from brdfcheck.brdf.readers.glsl.kinds import NAMED, Scalar, Type, each, leaves_of
+from brdfcheck.brdf.readers.glsl.kinds import NAMED, Scalar, Type
 from brdfcheck.brdf.readers.glsl.library import BUILTINS, MEANINGLESS, Builtin
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
 from brdfcheck.brdf.readers.glsl.scopes import Routine, Typed
@@ -128,7 +129,7 @@ class Calls(Constructors):
         def plain(machine: Machine) -> Any:
             values = [into(machine) for into in inputs]
             machine.spend(position)
-            if any(not known(leaf) for value in values for leaf in leaves_of(value)):
+            if any(not known(leaf) for value in values for leaf in jax.tree.leaves(value)):
                 machine.traced += cost
             return run(machine, *values)
 
@@ -201,4 +202,6 @@ def perform(machine: Machine, routine: Routine, values: list[Any]) -> Any:
     found = machine.state[routine.result_slot]
     found = routine.result.zero() if found is None else found
     # Lanes that come to the end without a return have no value.
-    return found if lost is False else each(lambda x: choose(lost, np.float64(np.nan), x) if x.dtype.kind == "f" else x, found)
+    if lost is False:
+        return found
+    return jax.tree.map(lambda x: choose(lost, np.float64(np.nan), x) if x.dtype.kind == "f" else x, found)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.context import converting
 from brdfcheck.brdf.readers.glsl.expressions import Expressions
-from brdfcheck.brdf.readers.glsl.kinds import Array, Matrix, Scalar, Struct, Type, Vector, kind_of, leaves_of
+from brdfcheck.brdf.readers.glsl.kinds import Array, Matrix, Scalar, Struct, Type, Vector, kind_of
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
 from brdfcheck.brdf.readers.glsl.scopes import Typed
 
@@ -42,14 +43,14 @@ class Constructors(Expressions):
             if len(arguments) != 1:
                 raise self.mistake(node.at, f"{kind}() takes one value; got {len(arguments)}")
             inner = arguments[0].run
-            return Typed(kind, lambda m: convert(leaves_of(inner(m))[0], scalar))
+            return Typed(kind, lambda m: convert(jax.tree.leaves(inner(m))[0], scalar))
         if len(arguments) == 1 and isinstance(arguments[0].type, Scalar):
             return Typed(kind, converting(arguments[0], kind))
         self._enough(kind, size, arguments, node)
         runs = [argument.run for argument in arguments]
 
         def run(machine: Machine) -> Any:
-            leaves = [leaf for part in runs for leaf in leaves_of(part(machine))]
+            leaves = [leaf for part in runs for leaf in jax.tree.leaves(part(machine))]
             return tuple(convert(leaf, scalar) for leaf in leaves[:size])
 
         return Typed(kind, run)
@@ -92,7 +93,7 @@ class Constructors(Expressions):
         runs = [argument.run for argument in arguments]
 
         def run(machine: Machine) -> Any:
-            leaves = [convert(leaf, "float") for part in runs for leaf in leaves_of(part(machine))]
+            leaves = [convert(leaf, "float") for part in runs for leaf in jax.tree.leaves(part(machine))]
             return tuple(tuple(leaves[i * rows : (i + 1) * rows]) for i in range(columns))
 
         return Typed(kind, run)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import abc
 from typing import Any
 
+import jax
+
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
@@ -20,7 +22,6 @@ from brdfcheck.brdf.readers.glsl.kinds import (
     Type,
     Vector,
     conversion,
-    each,
     kind_of,
 )
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
@@ -129,8 +130,8 @@ def converting(typed: Typed, wanted: Type) -> Run:
         return lambda m: convert(run(m)[0], kind)
     if isinstance(typed.type, Vector) and isinstance(wanted, Vector) and wanted.size < typed.type.size:
         size = wanted.size
-        return lambda m: each(lambda x: convert(x, kind), run(m)[:size])
-    return lambda m: each(lambda x: convert(x, kind), run(m))
+        return lambda m: jax.tree.map(lambda x: convert(x, kind), run(m)[:size])
+    return lambda m: jax.tree.map(lambda x: convert(x, kind), run(m))
 
 
 def literal(value: Any) -> Run:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import numpy as np
 
 from brdfcheck.brdf.readers.glsl import arithmetic, matrices, syntax
@@ -21,7 +22,6 @@ from brdfcheck.brdf.readers.glsl.kinds import (
     Type,
     Vector,
     conversion,
-    each,
     kind_of,
     numeric,
     with_kind,
@@ -121,14 +121,14 @@ class Expressions(Accesses):
                 raise self.mistake(node.at, f"'!' takes a bool; got {typed.type}")
             wanted = with_kind(typed.type, "bool")
             inner = run if kind == "bool" else converting(typed, wanted)
-            return Typed(wanted, lambda m: each(lambda x: np.bool_(not x) if known(x) else ~x, inner(m)))
+            return Typed(wanted, lambda m: jax.tree.map(lambda x: np.bool_(not x) if known(x) else ~x, inner(m)))
         if operator == "~":
             if kind not in ("int", "uint"):
                 raise self.mistake(node.at, f"'~' takes whole numbers; got {typed.type}")
-            return Typed(typed.type, lambda m: each(lambda x: ~x, run(m)))
+            return Typed(typed.type, lambda m: jax.tree.map(lambda x: ~x, run(m)))
         if not numeric(typed.type):
             raise self.mistake(node.at, f"{operator!r} takes numbers; got {typed.type}")
-        return Typed(typed.type, run if operator == "+" else lambda m: each(lambda x: -x, run(m)))
+        return Typed(typed.type, run if operator == "+" else lambda m: jax.tree.map(lambda x: -x, run(m)))
 
     def _binary(self, node: syntax.Binary) -> Typed:
         # From the left, without a call for each operator: chains may be long.
@@ -196,7 +196,7 @@ class Expressions(Accesses):
 
         def run(machine: Machine) -> Any:
             found: Any = True
-            for x, y in zip(_flat(a(machine)), _flat(b(machine)), strict=True):
+            for x, y in zip(jax.tree.leaves(a(machine)), jax.tree.leaves(b(machine)), strict=True):
                 found = both(found, x == y)
             found = found if equal else opposite(found)
             return np.bool_(found) if known(found) else found
@@ -256,7 +256,7 @@ class Expressions(Accesses):
             result = b if isinstance(a, Scalar) else a
             run = lambda m, x, y: _spread(lambda p, q: function(m, p, q), x, y)  # noqa: E731
         elif a == b and (operator != "*" or self.dialect.spread):
-            result, run = a, lambda m, x, y: each(lambda p, q: function(m, p, q), x, y)
+            result, run = a, lambda m, x, y: jax.tree.map(lambda p, q: function(m, p, q), x, y)
         elif operator == "*" and isinstance(a, Matrix) and isinstance(b, Matrix) and columns == b.rows:
             result, run = Matrix(b.columns, a.rows), lambda m, x, y: matrices.product(x, y)
         elif operator == "*" and isinstance(a, Matrix) and b == Vector("float", columns):
@@ -294,7 +294,7 @@ class Expressions(Accesses):
                 return (first if mask else second)(machine)
             chosen = machine.under(mask, first)
             other = machine.under(opposite(mask), second)
-            return each(lambda x, y: choose(mask, x, y), chosen, other)
+            return jax.tree.map(lambda x, y: choose(mask, x, y), chosen, other)
 
         return Typed(kind, run)
 
@@ -305,11 +305,7 @@ class Expressions(Accesses):
         masks = self.converted(asked, with_kind(asked.type, "bool"), node.at, "what stands before '?'")
         first = self.converted(yes, kind, node.at, "what stands behind '?'")
         second = self.converted(no, kind, node.at, "what stands behind ':'")
-        return Typed(kind, lambda m: each(choose, masks(m), first(m), second(m)))
-
-
-def _flat(value: Any) -> list[Any]:
-    return [leaf for part in value for leaf in _flat(part)] if isinstance(value, tuple) else [value]
+        return Typed(kind, lambda m: jax.tree.map(choose, masks(m), first(m), second(m)))
 
 
 def _spread(function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:

@@ -11,8 +11,7 @@ import numpy as np
 
 from brdfcheck.brdf.readers.glsl import arithmetic, matrices
 from brdfcheck.brdf.readers.glsl.arithmetic import add, convert, folded, least, most, multiply
-from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Matrix, Vector
-from brdfcheck.brdf.readers.glsl.library import Builtin, all_of, any_of, bits, forms, from_bits, lanes
+from brdfcheck.brdf.readers.glsl.library import Library, all_of, any_of, bits, from_bits, lanes, plain
 
 
 def _sincos(machine: Any, angle: Any) -> Any:
@@ -30,13 +29,9 @@ def _of_parts(joined: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def _table() -> dict[str, list[Builtin]]:
-    found: dict[str, list[Builtin]] = {}
-
-    def put(signature: str, run: Any) -> None:
-        for name, form in forms(signature, run):
-            found.setdefault(name, []).append(form)
-
+def _table() -> Library:
+    found = Library()
+    put = found.put
     zero, one = np.float64(0), np.float64(1)
     put("F saturate(F)", lanes(lambda x: least(most(x, zero), one)))
     put("F rcp(F)", lanes(lambda m, x: arithmetic.divide(m, one, x), machine=True))
@@ -52,22 +47,17 @@ def _table() -> dict[str, list[Builtin]]:
         put(f"bool any({letter})", _of_parts(any_of))
         put(f"bool all({letter})", _of_parts(all_of))
     # A matrix is kept by rows here, so that what stands on the left in HLSL stands on the right.
-    shapes = list(itertools.product((2, 3, 4), (2, 3, 4)))
-    both = ("in", "in")
-    products: list[Builtin] = [Builtin((FLOAT, FLOAT), FLOAT, lambda m, a, b: multiply(a, b), both)]
+    put("float mul(float, float)", plain(multiply))
     for size in (2, 3, 4):
-        one_vector = Vector("float", size)
-        products.append(Builtin((one_vector, one_vector), FLOAT, lambda m, a, b: matrices.dot(a, b), both))
-        products.append(Builtin((one_vector, FLOAT), one_vector, lambda m, a, b: matrices.scaled(a, b), both))
-        products.append(Builtin((FLOAT, one_vector), one_vector, lambda m, a, b: matrices.scaled(b, a), both))
-    for rows, columns in shapes:
-        shape, row, column = Matrix(rows, columns), Vector("float", columns), Vector("float", rows)
-        products.append(Builtin((shape, row), column, lambda m, a, b: matrices.vector_times(b, a), both))
-        products.append(Builtin((column, shape), row, lambda m, a, b: matrices.times_vector(b, a), both))
+        put(f"float mul(vec{size}, vec{size})", plain(matrices.dot))
+        put(f"vec{size} mul(vec{size}, float)", plain(matrices.scaled))
+        put(f"vec{size} mul(float, vec{size})", plain(lambda a, b: matrices.scaled(b, a)))
+    for rows, columns in itertools.product((2, 3, 4), (2, 3, 4)):
+        matrix = f"mat{rows}x{columns}"
+        put(f"vec{rows} mul({matrix}, vec{columns})", plain(lambda a, b: matrices.vector_times(b, a)))
+        put(f"vec{columns} mul(vec{rows}, {matrix})", plain(lambda a, b: matrices.times_vector(b, a)))
         for other in (2, 3, 4):
-            result = Matrix(rows, other)
-            products.append(Builtin((shape, Matrix(columns, other)), result, lambda m, a, b: matrices.product(b, a), both))
-    found["mul"] = products
+            put(f"mat{rows}x{other} mul({matrix}, mat{columns}x{other})", plain(lambda a, b: matrices.product(b, a)))
     return found
 
 

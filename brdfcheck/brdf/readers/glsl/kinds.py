@@ -7,10 +7,10 @@ place.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import numpy as np
 
 KINDS: dict[str, Any] = {"float": np.float64, "int": np.int32, "uint": np.uint32, "bool": np.bool_}
@@ -205,18 +205,6 @@ def conversion(given: Type, wanted: Type) -> int | None:
     return _STEPS.get((str(kind_of(given)), str(kind_of(wanted))))
 
 
-def each(function: Callable[..., Any], *values: Any) -> Any:
-    """A function of scalars on all numbers of values of one shape."""
-    if isinstance(values[0], tuple):
-        return tuple(each(function, *parts) for parts in zip(*values, strict=True))
-    return function(*values)
-
-
-def leaves_of(value: Any) -> list[Any]:
-    """All numbers of a value, in order."""
-    return [leaf for part in value for leaf in leaves_of(part)] if isinstance(value, tuple) else [value]
-
-
 def rebuilt(value: Any, leaves: Any) -> Any:
     """A value of the same shape with other numbers, taken from an iterator."""
-    return tuple(rebuilt(part, leaves) for part in value) if isinstance(value, tuple) else next(leaves)
+    return jax.tree.map(lambda _: next(leaves), value)

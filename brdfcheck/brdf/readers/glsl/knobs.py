@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from brdfcheck.brdf.family import NoRange, interval
+from brdfcheck.brdf.family import interval, no_range, not_whole
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.errors import Position
 from brdfcheck.brdf.readers.glsl.kinds import Scalar, Struct, Type, Vector, kind_of
@@ -154,11 +154,7 @@ def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter:
         elif not any(swept) and not (knob.idle and knob.name not in given):
             settings.shown |= _shown(knob, held)
     if absent:
-        names = [knob.name for knob in absent]
-        plural = "parameters" if len(names) > 1 else "parameter"
-        example = " ".join(f"--over {name}=LO:HI" for name in names)
-        python = ", ".join(f"{name}=(LO, HI)" for name in names)
-        raise NoRange(f"{spec}: the {plural} {', '.join(names)} must be given a range: {example}, in Python {python}", names)
+        raise no_range(spec, [knob.name for knob in absent])
     return settings
 
 
@@ -172,7 +168,7 @@ def _settled(settings: Settings, knob: Knob, name: str, bounds: Any, places: Ite
     low, high = interval(name, bounds)
     kind = kind_of(knob.type)
     if kind in ("int", "uint") and (low != high or low != int(low)):
-        raise UsageError(f"{spec}: {name} is a whole number: give one, as in --over {name}=2; got {low:g}:{high:g}")
+        raise not_whole(spec, name, (low, high))
     if kind == "bool" and not {low, high} <= {0.0, 1.0}:
         raise UsageError(f"{spec}: {name} is a bool: 0, 1 or 0:1; got {low:g}:{high:g}")
     for i in places:

@@ -29,7 +29,7 @@ from brdfcheck.brdf.readers.glsl.arithmetic import (
     root,
     subtract,
 )
-from brdfcheck.brdf.readers.glsl.kinds import NAMED, Matrix, Type, Vector, each, vector
+from brdfcheck.brdf.readers.glsl.kinds import NAMED, Matrix, Type, vector
 
 
 class Builtin(NamedTuple):
@@ -79,6 +79,23 @@ def forms(signature: str, run: Callable[..., Any]) -> list[tuple[str, Builtin]]:
 
     ways = tuple(word[0] if len(word) > 1 else "in" for word in words)
     return [(name, Builtin(tuple(of(word[-1], choice) for word in words), of(result, choice), run, ways)) for choice in choices]
+
+
+class Library(dict[str, list[Builtin]]):
+    """The forms of functions, by their names."""
+
+    def put(self, signature: str, run: Callable[..., Any]) -> None:
+        """Add the `forms` of a signature."""
+        for name, form in forms(signature, run):
+            known_forms = self.setdefault(name, [])
+            # "F max(F, F)" and "F max(F, float)" are the same for scalars.
+            if all(form.types != other.types for other in known_forms):
+                known_forms.append(form)
+
+
+def plain(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that needs no machine."""
+    return lambda machine, *values: function(*values)
 
 
 def _clamp(value: Any, low: Any, high: Any) -> Any:
@@ -234,16 +251,9 @@ _COMPARED = {
 }
 
 
-def _table() -> dict[str, list[Builtin]]:
-    found: dict[str, list[Builtin]] = {}
-
-    def put(signature: str, run: Callable[..., Any]) -> None:
-        for name, form in forms(signature, run):
-            known_forms = found.setdefault(name, [])
-            # "F max(F, F)" and "F max(F, float)" are the same for scalars.
-            if all(form.types != other.types for other in known_forms):
-                known_forms.append(form)
-
+def _table() -> Library:
+    found = Library()
+    put = found.put
     for name, function in _TRIGONOMETRY.items():
         put(f"F {name}(F)", lanes(function))
     for name in ("abs", "sign"):
@@ -281,25 +291,19 @@ def _table() -> dict[str, list[Builtin]]:
     # Geometry.
     put("float length(F)", matrices.length)
     put("float distance(F, F)", lambda machine, a, b: matrices.length(machine, matrices.minus(a, b)))
-    put("float dot(F, F)", lambda machine, a, b: matrices.dot(a, b))
-    put("vec3 cross(vec3, vec3)", lambda machine, a, b: matrices.cross(a, b))
+    put("float dot(F, F)", plain(matrices.dot))
+    put("vec3 cross(vec3, vec3)", plain(matrices.cross))
     put("F normalize(F)", matrices.normalized)
     put("F faceforward(F, F, F)", _faceforward)
     put("F reflect(F, F)", _reflect)
     put("F refract(F, F, float)", _refract)
     # Matrices.
-    put("M matrixCompMult(M, M)", lambda machine, a, b: each(multiply, a, b))
+    put("M matrixCompMult(M, M)", lambda machine, a, b: jax.tree.map(multiply, a, b))
     for columns, rows in itertools.product((2, 3, 4), (2, 3, 4)):
-        shape = Matrix(columns, rows)
-        vectors = Vector("float", rows), Vector("float", columns)
-        found.setdefault("outerProduct", []).append(
-            Builtin(vectors, shape, lambda machine, a, b: matrices.outer(a, b), ("in", "in"))
-        )
-        found.setdefault("transpose", []).append(
-            Builtin((Matrix(rows, columns),), shape, lambda machine, a: matrices.transposed(a), ("in",))
-        )
+        put(f"mat{columns}x{rows} outerProduct(vec{rows}, vec{columns})", plain(matrices.outer))
+        put(f"mat{columns}x{rows} transpose(mat{rows}x{columns})", plain(matrices.transposed))
     for size in (2, 3, 4):
-        put(f"float determinant(mat{size})", lambda machine, a: matrices.determinant(a))
+        put(f"float determinant(mat{size})", plain(matrices.determinant))
         put(f"mat{size} inverse(mat{size})", matrices.inverse)
     # Comparisons of vectors.
     for name, function in _COMPARED.items():

@@ -16,7 +16,7 @@ import numpy as np
 
 from brdfcheck.brdf.readers.glsl.arithmetic import Mask, both, choose, either, known, opposite
 from brdfcheck.brdf.readers.glsl.errors import Position, mistake
-from brdfcheck.brdf.readers.glsl.kinds import Type, each, leaves_of, rebuilt
+from brdfcheck.brdf.readers.glsl.kinds import Type, rebuilt
 
 Run = Callable[["Machine"], Any]
 
@@ -90,7 +90,7 @@ class Machine:
 
     def merged(self, value: Any, before: Any) -> Any:
         """A value where the lanes are under way, else what there was before."""
-        return each(lambda new, old: choose(self.active, new, old), value, before)
+        return jax.tree.map(lambda new, old: choose(self.active, new, old), value, before)
 
     # --- where lanes part ---
 
@@ -238,7 +238,7 @@ class Machine:
             return jnp.broadcast_to(jnp.asarray(value), self.shape)
 
         def packed(active: Mask, ended: Mask) -> Any:
-            leaves = [spread(leaf) for slot in carried for leaf in leaves_of(self.state[slot])]
+            leaves = [spread(leaf) for slot in carried for leaf in jax.tree.leaves(self.state[slot])]
             return (
                 leaves,
                 spread(np.bool_(active) if known(active) else active),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.errors import ShaderError, mistake
+from brdfcheck.brdf.readers.glsl.kinds import NAMED
 from brdfcheck.brdf.readers.glsl.lexer import Token, tokens
 from brdfcheck.brdf.readers.glsl.namespaces import flattened
 from brdfcheck.brdf.readers.glsl.preprocessor import Source
@@ -19,15 +20,9 @@ _BINDING = {
     for operator in operators.split()
 }
 _ASSIGNMENTS = frozenset(("=", *(f"{operator}=" for operator in ("+", "-", "*", "/", "%", "&", "|", "^", "<<", ">>"))))
-_SCALARS = ("float", "int", "uint", "bool")
 BUILTIN_TYPES = frozenset(
     (
-        *_SCALARS,
-        "void",
-        "double",
-        *(f"{prefix}vec{n}" for prefix in ("", "i", "u", "b", "d") for n in (2, 3, 4)),
-        *(f"mat{n}" for n in (2, 3, 4)),
-        *(f"mat{c}x{r}" for c in (2, 3, 4) for r in (2, 3, 4)),
+        *NAMED,
         *(
             f"{prefix}sampler{kind}"
             for prefix in ("", "i", "u")

@@ -31,18 +31,18 @@ _QUALIFIERS = _FOREIGN | frozenset(
 )
 
 
-def parse(source: Source, dialect: Dialect) -> syntax.File:
-    """The syntax tree of a source. ShaderError where it has none."""
+def parse(source: Source, dialect: Dialect) -> list[syntax.Node]:
+    """Everything at the top of a source, in order. ShaderError where it has no syntax tree."""
     return _Parser(source, dialect).file()
 
 
 class _Parser(Expressions):
-    def file(self) -> syntax.File:
+    def file(self) -> list[syntax.Node]:
         """Everything, up to the end."""
         parts: list[syntax.Node] = []
         while self.now.kind != "end":
             self._top(parts)
-        return syntax.File(parts)
+        return parts
 
     def _top(self, parts: list[syntax.Node]) -> None:
         """One declaration or function of the file."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import numpy as np
 
 from brdfcheck.brdf.readers.glsl import syntax
@@ -13,7 +14,7 @@ from brdfcheck.brdf.readers.glsl.arithmetic import known
 from brdfcheck.brdf.readers.glsl.calls import perform
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.errors import Position, mistake
-from brdfcheck.brdf.readers.glsl.kinds import VOID, Array, Opaque, Type, leaves_of
+from brdfcheck.brdf.readers.glsl.kinds import VOID, Array, Opaque, Type
 from brdfcheck.brdf.readers.glsl.machine import Machine, Run
 from brdfcheck.brdf.readers.glsl.parser import parse
 from brdfcheck.brdf.readers.glsl.preprocessor import Source
@@ -59,7 +60,7 @@ class Program(Statements):
             slot = self.names.add(name, kind, f"the parameter {name!r} cannot be assigned to").slot
             self.uniforms[name] = Uniform(name, kind, slot, None, nowhere)
         try:
-            for part in parse(source, dialect).parts:
+            for part in parse(source, dialect):
                 getattr(self, f"_top_{type(part).__name__.lower()}")(part)
         except RecursionError:
             raise mistake(nowhere, "nested too deeply") from None
@@ -110,7 +111,7 @@ class Program(Statements):
         if variable.value is not None and not isinstance(kind, Opaque):
             typed = self.initial(variable.value, kind)
             kind, default = typed.type, constant_of(typed.run)
-            if default is None or not all(known(leaf) for leaf in leaves_of(default)):
+            if default is None or not all(known(leaf) for leaf in jax.tree.leaves(default)):
                 raise self.mistake(variable.at, f"what {variable.name!r} begins with must be constant")
         what = {"in": "input"}.get(way, way)
         locked = f"the {what} {variable.name!r} cannot be assigned to" if way else ""

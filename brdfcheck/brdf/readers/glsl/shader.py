@@ -16,7 +16,7 @@ from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.glsl import analytic
 from brdfcheck.brdf.readers.glsl.dialect import GLSL, HLSL
 from brdfcheck.brdf.readers.glsl.errors import Position, mistake
-from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, kind_of, leaves_of
+from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, kind_of
 from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, at_path, fields_of, missing, names_of, placed, settle
 from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
 from brdfcheck.brdf.readers.glsl.program import Program
@@ -62,7 +62,7 @@ class ShaderBRDF:
             owner: Any = uniforms if where == "uniform" else arguments
             owner[index] = placed(owner[index], path, self.settings.values(knob, self.numbers))
         found, _ = compiled.program.run(routine, arguments, uniforms, shape)
-        channels = [jnp.broadcast_to(jnp.asarray(leaf, wi.dtype), shape) for leaf in leaves_of(found)]
+        channels = [jnp.broadcast_to(jnp.asarray(leaf, wi.dtype), shape) for leaf in jax.tree.leaves(found)]
         if compiled.per_cosine:
             lit = wi[..., 2] > 0
             cosine = jnp.where(lit, wi[..., 2], 1.0)
@@ -189,7 +189,7 @@ class ShaderFile(AbstractFile):
                     raise mistake(uniform.position, f"{what}: only numbers, vectors and structs of them can be given")
                 for name, kind, path in parts or ():
                     start = None if uniform.default is None else at_path(uniform.default, path)
-                    default = None if start is None else tuple(map(float, leaves_of(start)))
+                    default = None if start is None else tuple(map(float, jax.tree.leaves(start)))
                     key = ("uniform", uniform.slot, path)
                     knobs.append(Knob(name, kind, key, uniform.position, None, default, None, idle))
         return knobs

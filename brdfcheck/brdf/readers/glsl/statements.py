@@ -4,21 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
+
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.arithmetic import either, known, opposite
 from brdfcheck.brdf.readers.glsl.calls import Calls
 from brdfcheck.brdf.readers.glsl.context import converting
-from brdfcheck.brdf.readers.glsl.kinds import (
-    MOST_LEAVES,
-    VOID,
-    Array,
-    Opaque,
-    Scalar,
-    Struct,
-    Type,
-    kind_of,
-    leaves_of,
-)
+from brdfcheck.brdf.readers.glsl.kinds import MOST_LEAVES, VOID, Array, Opaque, Scalar, Struct, Type, kind_of
 from brdfcheck.brdf.readers.glsl.machine import LoopPlan, Machine, Run
 from brdfcheck.brdf.readers.glsl.scopes import Routine, constant_of
 
@@ -158,7 +150,7 @@ class Statements(Calls):
         fixed = constant_of(value) if constant and value is not None else None
         added = self.names.add(variable.name, kind, f"{variable.name!r} is constant" if constant else "")
         slot, zero = added.slot, kind.zero()
-        if fixed is not None and all(known(leaf) for leaf in leaves_of(fixed)):
+        if fixed is not None and all(known(leaf) for leaf in jax.tree.leaves(fixed)):
             self.constants[slot] = fixed
         weight = kind.leaves // 16
         position = self.source.position(variable.at)

@@ -249,10 +249,3 @@ class Return(Node):
     """``return value``."""
 
     value: Node | None
-
-
-@dataclass(slots=True)
-class File:
-    """Everything at the top of a file, in order."""
-
-    parts: list[Node]

@@ -122,9 +122,9 @@ class MerlFile(AbstractTableFile):
         return Merl(values=values, nearest=False, samples=samples)
 
 
-def _edges() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The lower edges of the bins in radians, ready to be broadcast."""
-    h, d, p = (np.arange(size) / size for size in SHAPE)
+def _bins(place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A place in each bin in radians, 0 its lower edge and 1/2 its middle, ready to be broadcast."""
+    h, d, p = ((np.arange(size) + place) / size for size in SHAPE)
     return _QUARTER * h[:, None, None] ** 2, _QUARTER * d[:, None], np.pi * p
 
 
@@ -134,7 +134,7 @@ def _seen() -> np.ndarray:
     With N.wi, N.wo = cos theta_d cos theta_h -+ sin theta_d sin theta_h cos phi_d both are above it where
     |cos phi_d| tan theta_d tan theta_h < 1: in a bin that is likeliest at its smallest angles and nearest to phi_d = 90 deg.
     """
-    theta_h, theta_d, phi_d = _edges()
+    theta_h, theta_d, phi_d = _bins(0)
     least = np.minimum(np.abs(np.cos(phi_d)), np.abs(np.cos(phi_d + np.pi / SHAPE[2])))
     return least * np.tan(theta_d) * np.tan(theta_h) < 1
 
@@ -143,8 +143,7 @@ def _mostly(lost: np.ndarray) -> str:
     """Where most of the bins without data are: beyond which angle of the light or the viewer, in the middle of a bin."""
     if not np.any(lost):
         return ""
-    h, d, p = ((np.arange(size) + 0.5) / size for size in SHAPE)
-    h, d, p = _QUARTER * h[:, None, None] ** 2, _QUARTER * d[:, None], np.pi * p
+    h, d, p = _bins(0.5)
     lower = np.cos(d) * np.cos(h) - np.sin(d) * np.sin(h) * np.abs(np.cos(p))
     angle = np.degrees(np.arccos(np.maximum(lower[lost], 0)))
     return f"nine in ten of them where light or viewer are more than {np.quantile(angle, 0.1):.3g} deg from the normal"
