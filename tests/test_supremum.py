@@ -441,6 +441,19 @@ def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
     assert abs(found.value - 1.000000004) <= found.error < 2e-9
 
 
+@pytest.mark.parametrize("near", few([(1e-5, 3e-5), (2.7e-6, 0.0)], [(1e-5, 3e-5)]))
+def test_the_crest_of_a_kink_beside_a_corner(near: tuple[float, float]):
+    # It was called conserving: climbs ended in the corner, 2e-5 below the crest that passes it.
+    def build(p, q):
+        u, v = p - near[0], q - near[1]
+        fall = jnp.abs(0.6 * u - 0.8 * v) + 0.05 * (jnp.abs(u) + jnp.abs(v))
+        return lambda wi, wo: (1.000015 - fall) / jnp.pi + 0 * wo[..., 2]
+
+    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
+    assert found.value == pytest.approx(1.000015, abs=1e-9)
+    assert abs(found.value - 1.000015) <= found.error
+
+
 @pytest.mark.parametrize("centres", [(0.3456, 0.7123), (0.105, 0.2003, 0.9051)])
 def test_each_narrow_interval_of_violation_is_named(centres: tuple[float, ...]):
     # Each as wide as 0.4 % of the range, and about another angle: one alone was named, that of the winner.

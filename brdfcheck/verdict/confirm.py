@@ -78,7 +78,8 @@ class Confirmation:
         worth = worth[np.argsort(-value[worth])][:2]
         kinked = ends.kinked & (error < _ROUGH) & (value + gaps > self.winners.least)
         for index in np.setdiff1d(np.flatnonzero(kinked), worth):
-            gaps[index] = min(gaps[index], crest(self.surface, ends.places[index], float(ends.radii[index]))[0])
+            near = self.surface, ends.places[index], float(ends.radii[index]), float(error[index])
+            gaps[index] = min(gaps[index], crest(*near)[0])
         # Where the quick rule is far off, its climb is none: what counts is the place, and what is found by better rules.
         off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
         blind = (off > _BLIND) & (off > gaps)
@@ -165,9 +166,9 @@ class Confirmation:
             done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8))
             # No small stencil sees where the crest of a kink rises that runs across the axes.
             if not limit and is_kinked(function, inner, end, ends.radii[0]):
-                bound, seen = crest(surface, whole(end[None])[0], ends.radii[0])
+                bound, seen = crest(surface, whole(end[None])[0], ends.radii[0], error)
                 if seen:
-                    end, top, gap = top_of_crest(function, inner, end)
+                    end, top, gap = top_of_crest(function, inner, end, error)
                     gap, done = min(gap, bound), True
             end = whole(end[None])[0]
             promised, moved = top - start, float(surface.box.distance(end, place))
