@@ -32,7 +32,6 @@ ROOT = Path(brdfcheck.__file__).parent.parent
 MINE = """
     import sys
     import numpy as np
-    import jax.numpy as jnp
     from brdfcheck import Factor, Normalized, Phong
 
     print("printed on import")
@@ -51,21 +50,6 @@ MINE = """
 
     def leaves(wi, wo):
         sys.exit(7)
-
-    def not_a_number(wi, wo):
-        return jnp.nan * wi[..., 2]
-
-    def negative(wi, wo):
-        return -0.1 + 0 * wi[..., 2]
-
-    def complex_values(wi, wo):
-        return 1j * wi[..., 2]
-
-    def wrong_shape(wi, wo):
-        return wi[..., None]
-
-    def one_way(wi, wo):
-        return wi[..., 2] / (4 * np.pi)
 """
 
 
@@ -99,18 +83,7 @@ def test_1_where_a_planted_factor_is_one_per_cent_too_large(run: Run, mine: str)
     assert run("check", f"{mine}:exact", "--over", "n=1:50")[0] == ExitCode.PASSED
 
 
-@pytest.mark.parametrize(
-    ("name", "finding"),
-    [
-        ("raises", "raised RuntimeError: boom"),
-        ("leaves", "SystemExit: 7"),
-        ("not_a_number", "not finite"),
-        ("negative", "negative: the smallest value seen is -0.1"),
-        ("complex_values", "complex values"),
-        ("wrong_shape", "returned shape"),
-        ("one_way", "not reciprocal"),
-    ],
-)
+@pytest.mark.parametrize(("name", "finding"), [("raises", "raised RuntimeError: boom"), ("leaves", "SystemExit: 7")])
 def test_1_where_a_brdf_has_a_defect(run: Run, mine: str, name: str, finding: str) -> None:
     code, out, err = run("check", f"{mine}:{name}", "--effort", "quick")
     assert code == ExitCode.FAILED
