@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
-from collections.abc import Callable, Sequence
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import png
 
+ROOT = Path(__file__).parent.parent
 Run = Callable[..., tuple[int, str, str]]
 """The fixture `run`: (exit code, stdout, stderr) of a command."""
 
@@ -49,3 +54,43 @@ def compiled(command: Sequence[str], source: str, file: Path, points: np.ndarray
     given = "".join(f"{p:.17g} {mu:.17g}\n" for p, mu in points)
     ran = subprocess.run([str(program)], input=given, capture_output=True, text=True, timeout=60, check=True)
     return np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
+
+
+def process(*arguments: object, environment: Mapping[str, str] | None = None, **options: Any) -> Any:
+    """Python with these arguments, which finds the package; what it prints is text to be read, unless it is said otherwise."""
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **options}
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})}
+    return subprocess.Popen([sys.executable, *map(str, arguments)], env=variables, **options)
+
+
+def python(*arguments: object, **options: Any) -> tuple[int, str, str]:
+    """The same once it has ended: (exit code, stdout, stderr)."""
+    with process(*arguments, **options) as running:
+        out, err = running.communicate(timeout=200)
+    return running.returncode, out, err
+
+
+def shown_by(terminal: int) -> bytes:
+    """All that a pseudo-terminal is told, until nobody has its other end any more."""
+    shown = b""
+    with contextlib.suppress(OSError):  # how Linux says that the other end has closed
+        while part := os.read(terminal, 65536):
+            shown += part
+    os.close(terminal)
+    return shown
+
+
+def wait_for(file: Path) -> str:
+    """The text of a file, once it is there."""
+    deadline = time.monotonic() + 60
+    while not (file.exists() and file.read_text()):
+        assert time.monotonic() < deadline, file
+        time.sleep(0.01)
+    return file.read_text()
+
+
+def picture(path: Path) -> np.ndarray:
+    """The codes of a PNG, (height, width, 3), as another reader has them: of 8 or 16 bits."""
+    width, height, rows, info = png.Reader(bytes=path.read_bytes()).read()
+    codes = np.array([list(row) for row in rows]).reshape(height, width, info["planes"])
+    return codes.astype({8: np.uint8, 16: np.uint16}[info["bitdepth"]])

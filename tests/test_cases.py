@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import subprocess
 import sys
 import textwrap
 from collections.abc import Callable
@@ -18,6 +17,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from shared import ROOT, python
 
 import brdfcheck
 from brdfcheck import cli
@@ -31,7 +31,6 @@ from brdfcheck.scene.raster import rasterise
 from brdfcheck.verdict import Report, Verdict, check
 
 pytestmark = pytest.mark.usefixtures("as_users_have_it")
-ROOT = Path(brdfcheck.__file__).parent.parent
 CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UNDECIDED
 GROWS = math.inf
 
@@ -557,12 +556,11 @@ MEMORY = """
     ],
 )
 def test_all_pairs_take_little_memory(name: str, effort: str, said: str) -> None:
-    command = [sys.executable, "-c", textwrap.dedent(MEMORY), name, effort]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert re.search(said, done.stdout), done.stdout
-    assert int(done.stdout.split()[-1]) < 2 << 30
+    paths = {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))}
+    code, out, err = python("-c", textwrap.dedent(MEMORY), name, effort, environment=paths)
+    assert code == 0, err
+    assert re.search(said, out), out
+    assert int(out.split()[-1]) < 2 << 30
 
 
 def test_an_integrable_singularity_is_no_pole() -> None:
