@@ -320,7 +320,7 @@ SHEER = functools.partial(Translucent, w=1.0, n=10.0, t_h=0.8, t_p=1.0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", few(["perspective", "orthographic"], ("orthographic",)))
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
 def test_translucent_spheres_by_rays_and_by_painting_are_the_same(kind):
     # The seed's figure 9: opaque and translucent spheres before and behind one another, w = 1, n = 10, t_h = .8, t_p = 1.
     spheres = [
