@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import copy
+import functools
 import json
+import operator
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import png
 
@@ -41,6 +45,31 @@ def direction(cosine: Any, azimuth: Any = 0.0) -> np.ndarray:
     cosine, azimuth = np.broadcast_arrays(np.asarray(cosine, float), np.asarray(azimuth, float))
     sine = np.sqrt((1 - cosine) * (1 + cosine))
     return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+
+
+def fresnel(cosine: np.ndarray, ratio: float) -> np.ndarray:
+    """The unpolarised reflectance as the mean of the two polarisations; `ratio`: far index over near index."""
+    sine = np.sqrt(1 - cosine**2) / ratio
+    inner = np.sqrt(np.maximum(1 - sine**2, 1e-30))
+    across = ((cosine - ratio * inner) / (cosine + ratio * inner)) ** 2
+    along = ((ratio * cosine - inner) / (ratio * cosine + inner)) ** 2
+    return np.where(sine < 1, (across + along) / 2, 1.0)
+
+
+def equations(program: Any) -> Iterator[Any]:
+    """All equations of a traced program and of those inside it."""
+    for equation in program.eqns:
+        yield equation
+        for part in jax.tree.leaves(tuple(equation.params.values()), is_leaf=lambda part: hasattr(part, "eqns")):
+            if hasattr(part, "eqns"):
+                yield from equations(part)
+
+
+def replaced(record: Any, path: Sequence[Any], value: Any) -> Any:
+    """A copy of a record, with another value at one place."""
+    other = copy.deepcopy(record)
+    functools.reduce(operator.getitem, path[:-1], other)[path[-1]] = value
+    return other
 
 
 def compiled(command: Sequence[str], source: str, file: Path, points: np.ndarray) -> np.ndarray:

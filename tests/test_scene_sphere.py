@@ -12,6 +12,7 @@ import numpy as np
 import numpy_shader
 import pytest
 from selection import few
+from shared import equations
 
 from brdfcheck.brdf import catalog
 from brdfcheck.quadrature.albedo import albedo
@@ -224,18 +225,8 @@ def test_gradients_are_finite_in_every_pixel_and_those_of_differences(name):
 def operations(material, lights, size=(64, 64)):
     """How often each operation is done for every pixel, in the program as it is traced."""
     program = jax.make_jaxpr(lambda *scene: sphere_image(*scene, size=size))(material, lights)
-    found: Counter[str] = Counter()
-
-    def count(jaxpr):
-        for equation in jaxpr.eqns:
-            for inner in jax.tree.leaves(tuple(equation.params.values()), is_leaf=lambda part: hasattr(part, "eqns")):
-                if hasattr(inner, "eqns") or hasattr(inner, "jaxpr"):
-                    count(getattr(inner, "jaxpr", inner))
-            if equation.outvars and np.prod(equation.outvars[0].aval.shape) >= size[0] * size[1]:
-                found[equation.primitive.name] += 1
-
-    count(program.jaxpr)
-    return found
+    every = [each for each in equations(program) if each.outvars]
+    return Counter(each.primitive.name for each in every if np.prod(each.outvars[0].aval.shape) >= size[0] * size[1])
 
 
 @pytest.mark.slow
