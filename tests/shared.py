@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
+import functools
 import json
+import operator
 import os
 import subprocess
-from collections.abc import Callable, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
+import png
 
+ROOT = Path(__file__).parent.parent
 Run = Callable[..., tuple[int, str, str]]
 """The fixture `run`: (exit code, stdout, stderr) of a command."""
 
@@ -38,6 +47,31 @@ def direction(cosine: Any, azimuth: Any = 0.0) -> np.ndarray:
     return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
 
 
+def fresnel(cosine: np.ndarray, ratio: float) -> np.ndarray:
+    """The unpolarised reflectance as the mean of the two polarisations; `ratio`: far index over near index."""
+    sine = np.sqrt(1 - cosine**2) / ratio
+    inner = np.sqrt(np.maximum(1 - sine**2, 1e-30))
+    across = ((cosine - ratio * inner) / (cosine + ratio * inner)) ** 2
+    along = ((ratio * cosine - inner) / (ratio * cosine + inner)) ** 2
+    return np.where(sine < 1, (across + along) / 2, 1.0)
+
+
+def equations(program: Any) -> Iterator[Any]:
+    """All equations of a traced program and of those inside it."""
+    for equation in program.eqns:
+        yield equation
+        for part in jax.tree.leaves(tuple(equation.params.values()), is_leaf=lambda part: hasattr(part, "eqns")):
+            if hasattr(part, "eqns"):
+                yield from equations(part)
+
+
+def replaced(record: Any, path: Sequence[Any], value: Any) -> Any:
+    """A copy of a record, with another value at one place."""
+    other = copy.deepcopy(record)
+    functools.reduce(operator.getitem, path[:-1], other)[path[-1]] = value
+    return other
+
+
 def compiled(command: Sequence[str], source: str, file: Path, points: np.ndarray) -> np.ndarray:
     """What a program in `file` prints, which reads pairs of numbers. `command`: the compiler with its options."""
     file.write_text(source)
@@ -49,3 +83,43 @@ def compiled(command: Sequence[str], source: str, file: Path, points: np.ndarray
     given = "".join(f"{p:.17g} {mu:.17g}\n" for p, mu in points)
     ran = subprocess.run([str(program)], input=given, capture_output=True, text=True, timeout=60, check=True)
     return np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
+
+
+def process(*arguments: object, environment: Mapping[str, str] | None = None, **options: Any) -> Any:
+    """Python with these arguments, which finds the package; what it prints is text to be read, unless it is said otherwise."""
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **options}
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})}
+    return subprocess.Popen([sys.executable, *map(str, arguments)], env=variables, **options)
+
+
+def python(*arguments: object, **options: Any) -> tuple[int, str, str]:
+    """The same once it has ended: (exit code, stdout, stderr)."""
+    with process(*arguments, **options) as running:
+        out, err = running.communicate(timeout=200)
+    return running.returncode, out, err
+
+
+def shown_by(terminal: int) -> bytes:
+    """All that a pseudo-terminal is told, until nobody has its other end any more."""
+    shown = b""
+    with contextlib.suppress(OSError):  # how Linux says that the other end has closed
+        while part := os.read(terminal, 65536):
+            shown += part
+    os.close(terminal)
+    return shown
+
+
+def wait_for(file: Path) -> str:
+    """The text of a file, once it is there."""
+    deadline = time.monotonic() + 60
+    while not (file.exists() and file.read_text()):
+        assert time.monotonic() < deadline, file
+        time.sleep(0.01)
+    return file.read_text()
+
+
+def picture(path: Path) -> np.ndarray:
+    """The codes of a PNG, (height, width, 3), as another reader has them: of 8 or 16 bits."""
+    width, height, rows, info = png.Reader(bytes=path.read_bytes()).read()
+    codes = np.array([list(row) for row in rows]).reshape(height, width, info["planes"])
+    return codes.astype({8: np.uint8, 16: np.uint16}[info["bitdepth"]])

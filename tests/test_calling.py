@@ -319,17 +319,27 @@ def test_the_cosine_of_a_lobe_and_of_what_has_been_read():
 
 @pytest.mark.parametrize(
     ("index", "advice"),
-    [pytest.param(0, 'or say --returns "brdf*cos"', marks=pytest.mark.slow), (1, "call the arguments (view, light)")],
+    [(0, 'or say --returns "brdf*cos"'), (1, "call the arguments (view, light)")],
 )
 def test_a_finding_names_the_option_where_the_cosine_is_in_it(index, advice):
-    def rendered(wi, wo):
-        return 0.3 * (wi, wo)[index][..., 2]
+    def rendered(wi, wo, k):
+        return k * (wi, wo)[index][..., 2]
 
-    (finding,) = brdfcheck.check(rendered, effort="quick").findings
+    report = brdfcheck.check(rendered, k=(0.1, 0.3), effort="quick")
+    assert report.verdict.name == "CONSERVES"
+    (finding,) = report.findings
+    assert "not reciprocal" in finding
+    assert "return the BRDF alone, without the cosine of the rendering equation" in finding
     assert f"(divided by the cosine of {('wi', 'wo')[index]} it is: " in finding
     assert advice in finding
     if index == 0:
-        assert brdfcheck.check(brdfcheck.load(rendered, returns="brdf*cos"), effort="quick").passed
+        assert brdfcheck.check(brdfcheck.load(rendered, returns="brdf*cos", k=(0.1, 0.3)), effort="quick").passed
+
+
+def test_the_cosine_is_no_excuse_for_other_faults():
+    (finding,) = brdfcheck.check(lambda wi, wo: 0.1 + 0.1 * wo[..., 2], effort="quick").findings
+    assert "not reciprocal" in finding
+    assert "cosine" not in finding
 
 
 # --- mistakes ---

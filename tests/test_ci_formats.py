@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import ROOT
 
 import brdfcheck
 from brdfcheck.cli import ExitCode
@@ -24,7 +25,6 @@ from brdfcheck.verdict.checks import CHECKS
 from brdfcheck.verdict.parts import Check
 from brdfcheck.verdict.words import reason_text
 
-ROOT = Path(brdfcheck.__file__).parent.parent
 GOOD = Report("mine.py:good", Verdict.CONSERVES, {}, albedo=0.5, error=1e-9, cos_theta=1.0, basis="search")
 UNEQUAL = Check("reciprocal", 0.5, False, "not reciprocal: 0.5 of the larger")
 BAD = dataclasses.replace(
@@ -183,27 +183,6 @@ def test_sarif_obeys_its_schema(tmp_path: Path) -> None:
     for broken in ({**written, "run": []}, {**written, "runs": [{**written["runs"][0], "results": [{"ruleId": "x"}]}]}):
         with pytest.raises(ValueError, match=r"validation error"):
             model.model_validate(broken)
-
-
-def test_check_writes_all_formats(run: Any, here: Path) -> None:
-    (here / "mine.py").write_text(
-        "import jax.numpy as jnp\n\n\ndef bright(wi, wo):\n    return 0.5 + 0 * wi[..., 2]\n\n\n"
-        "def grey(wi, wo):\n    return 0.3 + 0 * wi[..., 2]\n"
-    )
-    code, _, err = run(
-        *shlex.split(
-            "check mine.py:bright mine.py:grey --effort quick --sarif r.sarif --junitxml r.xml --badge b.json --json r.json"
-        )
-    )
-    assert code == ExitCode.FAILED, err
-    (result,) = json.loads((here / "r.sarif").read_text())["runs"][0]["results"]
-    assert result["ruleId"] == "energy/violates"
-    physical = result["locations"][0]["physicalLocation"]
-    assert physical == {"artifactLocation": {"uri": "mine.py", "uriBaseId": "%SRCROOT%"}, "region": {"startLine": 4}}
-    cases = ElementTree.parse(here / "r.xml").getroot().findall(".//testcase")
-    assert [(case.get("file"), case.get("line")) for case in cases] == [("mine.py", "4"), ("mine.py", "8")]
-    badge = json.loads((here / "b.json").read_text())
-    assert badge == {"schemaVersion": 1, "label": "energy", "message": "1 of 2 violates", "color": "red"}
 
 
 @pytest.mark.parametrize(

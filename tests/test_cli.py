@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import io
 import json
 import os
-import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
-from shared import Run, strict_json
+from shared import Run, process, shown_by, strict_json
 
 import brdfcheck
 from brdfcheck import cli
@@ -27,12 +23,9 @@ from brdfcheck.output import text as console
 from brdfcheck.verdict import words
 from brdfcheck.verdict.supremum import NORMAL_IS_WORST
 
-ROOT = Path(brdfcheck.__file__).parent.parent
-
 MINE = """
     import sys
     import numpy as np
-    import jax.numpy as jnp
     from brdfcheck import Factor, Normalized, Phong
 
     print("printed on import")
@@ -51,29 +44,7 @@ MINE = """
 
     def leaves(wi, wo):
         sys.exit(7)
-
-    def not_a_number(wi, wo):
-        return jnp.nan * wi[..., 2]
-
-    def negative(wi, wo):
-        return -0.1 + 0 * wi[..., 2]
-
-    def complex_values(wi, wo):
-        return 1j * wi[..., 2]
-
-    def wrong_shape(wi, wo):
-        return wi[..., None]
-
-    def one_way(wi, wo):
-        return wi[..., 2] / (4 * np.pi)
 """
-
-
-def started(*words: str, environment: dict[str, str] | None = None, **options: Any) -> subprocess.Popen[str]:
-    """A command in a process of its own."""
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **options}
-    variables = {**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})}
-    return subprocess.Popen([sys.executable, "-m", "brdfcheck", *words], env=variables, **options)
 
 
 # --- exit codes ---
@@ -99,18 +70,7 @@ def test_1_where_a_planted_factor_is_one_per_cent_too_large(run: Run, mine: str)
     assert run("check", f"{mine}:exact", "--over", "n=1:50")[0] == ExitCode.PASSED
 
 
-@pytest.mark.parametrize(
-    ("name", "finding"),
-    [
-        ("raises", "raised RuntimeError: boom"),
-        ("leaves", "SystemExit: 7"),
-        ("not_a_number", "not finite"),
-        ("negative", "negative: the smallest value seen is -0.1"),
-        ("complex_values", "complex values"),
-        ("wrong_shape", "returned shape"),
-        ("one_way", "not reciprocal"),
-    ],
-)
+@pytest.mark.parametrize(("name", "finding"), [("raises", "raised RuntimeError: boom"), ("leaves", "SystemExit: 7")])
 def test_1_where_a_brdf_has_a_defect(run: Run, mine: str, name: str, finding: str) -> None:
     code, out, err = run("check", f"{mine}:{name}", "--effort", "quick")
     assert code == ExitCode.FAILED
@@ -163,21 +123,10 @@ def test_5_where_nothing_is_left(run: Run, tmp_path: Path, command: str) -> None
 # --- files ---
 
 
-def test_json_and_junit(run: Run, mine: str, tmp_path: Path) -> None:
-    outputs = tmp_path / "results.json", tmp_path / "results.xml"
-    code, _, _ = run(
-        "check",
-        "lambert",
-        f"{mine}:raises",
-        "--tolerance",
-        "1e-8",
-        "--json",
-        str(outputs[0]),
-        "--junitxml",
-        str(outputs[1]),
-    )
+def test_json(run: Run, mine: str, tmp_path: Path) -> None:
+    code, _, _ = run("check", "lambert", f"{mine}:raises", "--tolerance", "1e-8", "--json", str(tmp_path / "results.json"))
     assert code == ExitCode.FAILED
-    record = strict_json(outputs[0].read_text())
+    record = strict_json((tmp_path / "results.json").read_text())
     assert record["schema_version"] == 1
     assert record["settings"]["tolerance"] == 1e-8
     assert record["summary"]["conserve"] == 1
@@ -185,9 +134,6 @@ def test_json_and_junit(run: Run, mine: str, tmp_path: Path) -> None:
     lambert, raises = record["results"]
     assert (lambert["verdict"], lambert["origin"], lambert["formula"]) == ("CONSERVES", "catalog", "k_d / pi")
     assert (raises["albedo"], raises["origin"], raises["file"]) == ("NaN", "user", mine)
-    root = ElementTree.parse(outputs[1]).getroot()
-    assert [case.get("name") for case in root.iter("testcase")] == ["lambert", f"{mine}:raises"]
-    assert len(list(root.iter("error"))) == 1
 
 
 def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
@@ -261,7 +207,7 @@ def test_main_is_the_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
 
 
 def test_python_dash_m_and_a_reader_that_goes_away() -> None:
-    with started("list") as command:
+    with process("-m", "brdfcheck", "list") as command:
         assert command.stdout
         command.stdout.close()
         assert command.stderr
@@ -275,13 +221,9 @@ def test_a_terminal_shows_progress_and_a_table() -> None:
 
     leader, follower = pty.openpty()
     terminal = {"TERM": "xterm-256color", "COLUMNS": "100"}
-    with started("check", "lambert", environment=terminal, stdout=follower, stderr=follower, text=False) as command:
+    with process("-m", "brdfcheck", "check", "lambert", environment=terminal, stdout=follower, stderr=follower) as command:
         os.close(follower)
-        seen = b""
-        with contextlib.suppress(OSError):  # how Linux says that the other end has closed
-            while chunk := os.read(leader, 4096):
-                seen += chunk
-        os.close(leader)
+        seen = shown_by(leader)
     assert command.returncode == ExitCode.PASSED
     for text in (b"checking", b"0/1", b"Largest albedo", b"1 conserves, 0 violate, 0 undecided"):
         assert text in seen

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import png
 import pytest
-from shared import Run
+from shared import Run, picture
 
 from brdfcheck.cli import ExitCode
 from brdfcheck.documents import read_document
@@ -45,11 +44,6 @@ intensity = [0.1, 0.1, 0.2]
 """
 
 
-def read(path: Path) -> tuple[np.ndarray, int]:
-    width, height, rows, info = png.Reader(bytes=path.read_bytes()).read()
-    return np.array([list(row) for row in rows]).reshape(height, width, 3), info["bitdepth"]
-
-
 # --- presets ---
 
 
@@ -66,12 +60,12 @@ def test_a_preset_is_written_as_png_of_8_and_16_bit_and_exr(run: Run, here: Path
     assert code == ExitCode.PASSED
     assert out.startswith("wrote a.png: 20 x 20 pixels (height x width) in ")
     image = np.moveaxis(presets.render_preset("figure-10", 20, "draft"), 0, -1)
-    eight, bits = read(here / "a.png")
-    assert bits == 8
+    eight = picture(here / "a.png")
+    assert eight.dtype == np.uint8
     np.testing.assert_array_equal(eight, np.rint(encode_srgb(image) * 255))
     assert run(*options, "-o", "b.PNG", "--bits", "16")[0] == ExitCode.PASSED
-    sixteen, bits = read(here / "b.PNG")
-    assert bits == 16
+    sixteen = picture(here / "b.PNG")
+    assert sixteen.dtype == np.uint16
     np.testing.assert_array_equal(sixteen, np.rint(encode_srgb(image) * 65535))
     assert run(*options, "-o", "c.exr")[0] == ExitCode.PASSED
     import OpenEXR
@@ -107,7 +101,7 @@ def test_a_scene_is_what_its_numbers_say(run: Run, here: Path) -> None:
     # A spot reaches nothing outside its cone, 45 degrees; ambient light everything that is matt.
     assert pixels[6, 8, 0] > 0.1
     assert run("render", "scene.toml", "-o", "large.png", "--size", "8x10")[0] == ExitCode.PASSED
-    assert read(here / "large.png")[0].shape == (8, 10, 3)
+    assert picture(here / "large.png").shape == (8, 10, 3)
 
 
 def changed(**parts: Any) -> dict[str, Any]:

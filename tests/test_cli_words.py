@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import get_args
 
@@ -13,14 +11,13 @@ import pytest
 import typer
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import Run
+from shared import Run, python
 
 import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode, words
 from brdfcheck.messages import UsageError
 
-ROOT = Path(brdfcheck.__file__).parent.parent
 COMMANDS = ("check", "init", "audit", "view", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
 
 
@@ -68,8 +65,12 @@ BAD = {
         ("phong --badge o.svg", "--badge: must end in .json; got 'o.svg'"),
         ("phong --junitxml -", "--junitxml: cannot write '-': give the name of a file"),
         ("phong --json same --junitxml ./same", "--json and --junitxml cannot both write to ./same"),
+        ("phong --json a.json --sarif a.json", "--json and --sarif cannot both write to a.json"),
+        ("phong --html page.txt", "must end in .html or .htm; got 'page.txt'"),
+        ("phong --html no/a.html", "--html: cannot write 'no/a.html': the folder"),
     ],
     "view": [("phong --effort quik", "--effort: 'quik'"), ("phong -o page.png", "must end in .html or .htm"), ("", "NAME")],
+    "sweep": [("config.toml --dry-run --html a.html", "--html is made of a store that is filled")],
     "audit": [("--effort quik", "--effort: 'quik'"), ("--json absent/out.json", "does not exist"), ("phong", "phong")],
     "list": [("--json absent/out.json", "does not exist"), ("phong", "phong")],
     "certify": [
@@ -297,10 +298,9 @@ def test_nothing_heavy_is_imported_to_read_words() -> None:
     program = f"import sys\nfrom brdfcheck import cli\nfor line, code in {codes!r}.items():\n"
     program += "    assert cli.run(line.split()) == code, line\n"
     program += "    assert not {'jax', 'numpy', 'matplotlib', 'scipy'} & set(sys.modules), line\n"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"brdfcheck {brdfcheck.__version__}\n")
+    code, out, err = python("-c", program)
+    assert code == 0, err
+    assert out.startswith(f"brdfcheck {brdfcheck.__version__}\n")
 
 
 def test_every_command_is_asked_here() -> None:

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from measured import lambert, merl_bytes, rgl_bytes, write
 from selection import few
+from shared import ROOT
 
-import brdfcheck
 from brdfcheck import cli, studies
 from brdfcheck.cli import ExitCode
 
-ROOT = Path(brdfcheck.__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # What makes a command short enough for a test (`test_catalog` checks and audits all), what takes long all the same, and what is
 # tested where there is a cluster.

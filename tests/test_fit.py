@@ -24,21 +24,10 @@ from brdfcheck.verdict import Verdict
 
 # One entry for each lobe: the factors of entries are taken off.
 LOBES = [
-    "phong",
-    "blinn-phong",
-    "schlick-mirror",
-    "schlick-half",
-    "kuijk-blake-mirror",
-    "kuijk-blake-half",
-    "lyon-1-half",
-    "lyon-2-half",
-    "lyon-3-half",
-    "lyon-1-mirror",
-    "lyon-2-mirror",
-    "lyon-3-mirror",
-    "binomial-power-half",
-    "binomial-power-mirror",
-]
+    "phong", "blinn-phong", *(f"{name}-{form}" for form in ("mirror", "half") for name in (
+        "schlick", "kuijk-blake", "lyon-1", "lyon-2", "lyon-3", "binomial-power",
+    )),
+]  # fmt: skip
 
 # One of either form.
 FAST = ("kuijk-blake-mirror", "binomial-power-half")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from shared import ROOT, python
 
-PACKAGE = Path(__file__).parent.parent / "brdfcheck"
+PACKAGE = ROOT / "brdfcheck"
 
 GROUND = {
     "geometry",
@@ -131,5 +130,4 @@ def test_only_entry_points_change_the_precision():
 
 def test_importing_the_package_imports_nothing_heavy():
     code = "import sys, brdfcheck; print([m for m in ('jax', 'numpy', 'matplotlib', 'scipy', 'typer') if m in sys.modules])"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == "[]"
+    assert python("-c", code) == (0, "[]\n", "")

@@ -6,10 +6,7 @@ import importlib
 import json
 import os
 import signal
-import subprocess
-import sys
 import textwrap
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +16,8 @@ import jax
 import projects
 import pytest
 from projects import GATE, MINE, Write, forget
-from shared import Run
+from shared import Run, process, python, wait_for
 
-import brdfcheck
 from brdfcheck.brdf import catalog
 from brdfcheck.cli import ExitCode, project
 from brdfcheck.gate import cache, config, sources
@@ -156,10 +152,10 @@ def test_what_is_known_needs_no_jax(run: Run, write: Write, kept: Callable[[], l
         "import sys; from brdfcheck.cli.process import run; code = run(['check']);"
         " print([name for name in ('jax', 'numpy', 'scipy') if name in sys.modules]); sys.exit(code)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert "all from the cache" in done.stdout, done.stderr
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert done.returncode == first[0]
+    ended, out, err = python("-c", code)
+    assert "all from the cache" in out, err
+    assert out.splitlines()[-1] == "[]"
+    assert ended == first[0]
 
 
 def test_an_entry_that_is_damaged_costs_time_only(run: Run, write: Write, kept: Callable[[], list[Path]]) -> None:
@@ -284,40 +280,31 @@ def test_one_file_is_no_files(write: Write, here: Path, capsys: pytest.CaptureFi
 
 
 def test_watching_is_a_process_that_checks_again(write: Write, here: Path) -> None:
-    words = [sys.executable, "-m", "brdfcheck", "check", "mine.py:bright", "--effort", "quick", "--watch"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(brdfcheck.__file__).parent.parent)}
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
+    with process("-m", "brdfcheck", "check", "mine.py:bright", "--effort", "quick", "--watch") as watch:
         try:
-            first = [process.stdout.readline() for _ in range(3)]
-            while "watching 2 files" not in (line := process.stderr.readline()):
+            first = [watch.stdout.readline() for _ in range(3)]
+            while "watching 2 files" not in (line := watch.stderr.readline()):
                 assert line.startswith("checking "), line  # on a machine that is slow
             write("mine.py", MINE.replace("1.05", "0.75"))
-            second = [process.stdout.readline() for _ in range(3)]
-            process.send_signal(signal.SIGINT)
-            assert process.wait(20) == ExitCode.INTERRUPTED
+            second = [watch.stdout.readline() for _ in range(3)]
+            watch.send_signal(signal.SIGINT)
+            assert watch.wait(20) == ExitCode.INTERRUPTED
         finally:
-            process.kill()
+            watch.kill()
     assert "VIOLATES" in first[1]
     assert "albedo 0.7500000000" in second[1]
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="looks for processes in /proc")
 def test_ctrl_c_ends_a_watch_and_what_it_runs_with_one_line(write: Write) -> None:
-    words = [sys.executable, "-m", "brdfcheck", "check", "mine.py:bright", "--watch"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(brdfcheck.__file__).parent.parent)}
-    streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
-    with subprocess.Popen(words, start_new_session=True, **streams) as process:
+    with process("-m", "brdfcheck", "check", "mine.py:bright", "--watch", start_new_session=True) as watch:
         try:
-            children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-            while not children.read_text():
-                time.sleep(0.01)
-            os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-            _, told = process.communicate(timeout=20)
+            wait_for(Path(f"/proc/{watch.pid}/task/{watch.pid}/children"))
+            os.killpg(watch.pid, signal.SIGINT)  # as a terminal does
+            _, told = watch.communicate(timeout=20)
         finally:
-            process.kill()
-    assert process.returncode == ExitCode.INTERRUPTED
+            watch.kill()
+    assert watch.returncode == ExitCode.INTERRUPTED
     assert told == "brdfcheck: interrupted\n"
 
 

@@ -436,23 +436,11 @@ def test_mistakes_on_the_command_line(tmp_path: Path, run: Run) -> None:
         ((f"{path}:f",), f"{path}:1:49: error: expected ')' before ';'"),
         ((f"{path}:f", "--args", "L,N"), "--args: must name the arguments in order, L and V among them"),
         ((f"{path}:f", "-D", "2x"), "must be NAME or NAME=VALUE"),
-        (("phong", "-D", "X"), "are for shader files"),
-        (("thing.osl",), "there is no reader for files that end in '.osl'"),
     ):
         code, out, err = run("check", *words)
         assert code == ExitCode.USAGE_ERROR
         assert message in err
         assert (out, err.count("\n")) == ("", 1)
-
-
-def test_fit_and_plot_take_shaders(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path, "uniform float n;\nfloat f(vec3 L, vec3 V, vec3 N) { return (n + 2.0) / 7.0 * pow(V.z, n) * L.z; }")
-    words = ["albedo-vs-angle", "shader.glsl:f", "--over", "n=2", "--returns", "brdf*cos", "--samples", "3", "-o", "a.svg"]
-    code, out, err = run("plot", *words)
-    assert code == ExitCode.PASSED, err
-    assert (tmp_path / "a.svg").exists()
-    assert "wrote a.svg" in out
 
 
 def test_line_ends_of_any_system(tmp_path: Path) -> None:

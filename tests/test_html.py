@@ -215,24 +215,6 @@ def test_a_page_of_what_cannot_be_evaluated(run: Any, here: Path) -> None:
     assert "mine.py:broken is undecided" in text
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("check phong --html page.txt", "must end in .html or .htm; got 'page.txt'"),
-        ("check phong --json a.json --sarif a.json", "--json and --sarif cannot both write to a.json"),
-        ("check phong --html no/a.html", "the folder"),
-        ("view phong -o page.png", "must end in .html or .htm; got 'page.png'"),
-        ("sweep config.toml --dry-run --html a.html", "--html is made of a store that is filled"),
-    ],
-)
-def test_bad_words(run: Any, here: Path, words: str, said: str) -> None:
-    code, out, err = run(*words.split())
-    assert (code, out) == (ExitCode.USAGE_ERROR, "")
-    assert said in err
-    assert len(err.splitlines()) == 1
-    assert not list(here.iterdir())
-
-
 def test_a_browser_is_opened_where_there_is_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)

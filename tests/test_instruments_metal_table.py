@@ -53,7 +53,6 @@ def test_a_missing_numba_is_named(monkeypatch):
 
 
 @pytest.mark.peers
-@pytest.mark.slow
 def test_beckmann_table_against_scipy():
     pytest.importorskip("numba")
     exact = metal_table.slope_table(MIDDLES, MIDDLES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,14 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import integrate
-from shared import direction
+from shared import ROOT, direction
 
 import brdfcheck
 from _instruments import user_checks, user_families, user_scan
 from brdfcheck import studies
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("as_users_have_it")]  # an instrument of studies
-ROOT = Path(brdfcheck.__file__).parent.parent
 STUDY = studies.find()["user_brdfs"]
 
 FAMILIES = user_families.FAMILIES

@@ -12,17 +12,18 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
 from projects import SWEEP
 from selection import few
+from shared import ROOT, process, shown_by, wait_for
 
 import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode
 
-ROOT = Path(brdfcheck.__file__).parent.parent
 LINE = "brdfcheck: interrupted\n"
 LIMIT = 2.0
 
@@ -66,11 +67,8 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
 
     def start(*arguments: str, path: str = "", watched: bool = True, **options: object) -> subprocess.Popen[str]:
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (path, str(ROOT))))}
-        running = subprocess.Popen(
-            [sys.executable, *arguments], cwd=tmp_path, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True, **options,  # pyright: ignore
-        )  # fmt: skip
+        paths = {"PYTHONPATH": os.pathsep.join(filter(None, (path, str(ROOT))))}
+        running = process(*arguments, environment=paths, cwd=tmp_path, stdin=subprocess.DEVNULL, **options)
         started.append(running)
         if watched:
             _wait_until_watched(running)
@@ -92,15 +90,6 @@ def _wait_until_watched(running: subprocess.Popen[str]) -> None:
     while running.poll() is None and len(list(threads.iterdir())) < 2:
         assert time.monotonic() < deadline
         time.sleep(0.001)
-
-
-def wait_for(file: Path) -> str:
-    """The text of a file, once it is there."""
-    deadline = time.monotonic() + 60
-    while not (file.exists() and file.read_text()):
-        assert time.monotonic() < deadline, file
-        time.sleep(0.01)
-    return file.read_text()
 
 
 def interrupted(running: subprocess.Popen[str], *, twice: bool = False, whole: Callable[[], str] | None = None) -> str:
@@ -240,18 +229,13 @@ def test_on_a_terminal_the_cursor_comes_back(tmp_path: Path) -> None:
         f"import time\ndef brdf(wi, wo):\n    open({str(tmp_path / 'ready')!r}, 'w').write('.')\n    time.sleep(60)\n"
     )
     leader, follower = pty.openpty()
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
-    command = [sys.executable, "-m", "brdfcheck", "check", str(tmp_path / "slow.py")]
-    with subprocess.Popen(command, stdout=follower, stderr=follower, env=environment) as running:
+    streams: dict[str, Any] = {"stdout": follower, "stderr": follower, "environment": {"TERM": "xterm-256color"}}
+    with process("-m", "brdfcheck", "check", tmp_path / "slow.py", **streams) as running:
         os.close(follower)
         wait_for(tmp_path / "ready")
         time.sleep(0.3)
         running.send_signal(signal.SIGINT)
-        seen = b""
-        with contextlib.suppress(OSError):  # how Linux says that the other end has closed
-            while chunk := os.read(leader, 4096):
-                seen += chunk
-        os.close(leader)
+        seen = shown_by(leader)
     assert running.returncode == ExitCode.INTERRUPTED
     assert b"checking" in seen
     assert seen.endswith(b"\r\x1b[2K\x1b[?25hbrdfcheck: interrupted\r\n")

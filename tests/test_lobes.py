@@ -36,6 +36,10 @@ def lyon(w: int) -> Callable[[np.ndarray, float], np.ndarray]:
     return lambda c, n: np.maximum(0, 1 - n * (2 - 2 * c) / 2 ** (w + 1)) ** 2**w
 
 
+def binomial(k: int, least: float = 0.0) -> Callable[[np.ndarray, float], np.ndarray]:
+    return lambda c, n: np.maximum(least, 1 + n / k * (c - 1)) ** k
+
+
 FORMULAS: dict[str, tuple[Callable, str, Callable]] = {
     "phong": (Phong, "mirror", lambda c, n: c**n),
     "blinn-phong": (BlinnPhong, "half", lambda c, n: c**n),
@@ -45,19 +49,11 @@ FORMULAS: dict[str, tuple[Callable, str, Callable]] = {
     "kuijk-blake-half": (lambda n: KuijkBlake(n, "half"), "half", kuijk_blake),
     **{f"lyon-{w}-half": (lambda n, w=w: Lyon(n, w), "half", lyon(w)) for w in (1, 2, 3, 4)},
     **{f"lyon-{w}-mirror": (lambda n, w=w: Lyon(n, w, "mirror"), "mirror", lyon(w)) for w in (1, 2, 3, 4)},
-    "binomial-half": (BinomialPower, "half", lambda c, n: np.maximum(0, 1 + n / 16 * (c - 1)) ** 16),
-    "binomial-mirror": (
-        lambda n: BinomialPower(n, form="mirror"),
-        "mirror",
-        lambda c, n: np.maximum(0, 1 + n / 16 * (c - 1)) ** 16,
-    ),
-    "binomial-8": (lambda n: BinomialPower(n, 8), "half", lambda c, n: np.maximum(0, 1 + n / 8 * (c - 1)) ** 8),
-    "unclamped": (lambda n: BinomialPower(n, clamped=False), "half", lambda c, n: (1 + n / 16 * (c - 1)) ** 16),
-    "unclamped-mirror": (
-        lambda n: BinomialPower(n, form="mirror", clamped=False),
-        "mirror",
-        lambda c, n: (1 + n / 16 * (c - 1)) ** 16,
-    ),
+    "binomial-half": (BinomialPower, "half", binomial(16)),
+    "binomial-mirror": (lambda n: BinomialPower(n, form="mirror"), "mirror", binomial(16)),
+    "binomial-8": (lambda n: BinomialPower(n, 8), "half", binomial(8)),
+    "unclamped": (lambda n: BinomialPower(n, clamped=False), "half", binomial(16, -np.inf)),
+    "unclamped-mirror": (lambda n: BinomialPower(n, form="mirror", clamped=False), "mirror", binomial(16, -np.inf)),
 }
 # One of each lobe.
 FAST = ("phong", "lyon-2-mirror", "unclamped")

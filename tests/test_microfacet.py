@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from selection import few
+from shared import fresnel as exact_fresnel
 from test_geometry import near_mirror, random_directions
 
 from brdfcheck.brdf.microfacet import GGX, MASKINGS, CookTorrance, fresnel_dielectric, fresnel_schlick
@@ -59,14 +60,6 @@ def masking(kind: str, masked: str, slope: float) -> np.ndarray:
         return np.minimum(1, np.minimum(2 * n_h * mu_o / v_h, 2 * n_h * mu_i / v_h))
     here, there = hidden(kind, slope, mu_i), hidden(kind, slope, mu_o)
     return 1 / ((1 + here) * (1 + there)) if masked == "smith-separable" else 1 / (1 + here + there)
-
-
-def exact_fresnel(cosine: np.ndarray, eta: float) -> np.ndarray:
-    """From the amplitudes of both polarisations and the law of refraction."""
-    refracted = np.sqrt(1 - (1 - cosine**2) / eta**2)
-    rs = (cosine - eta * refracted) / (cosine + eta * refracted)
-    rp = (eta * cosine - refracted) / (eta * cosine + refracted)
-    return (rs**2 + rp**2) / 2
 
 
 BUILD = {"beckmann": CookTorrance, "ggx": GGX}

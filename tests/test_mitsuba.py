@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from shared import python
 
 import brdfcheck
 from brdfcheck.brdf.family import Family
@@ -232,12 +231,8 @@ def test_without_mitsuba_it_says_what_to_install(monkeypatch):
 
 
 def test_the_command_ends_with_4():
-    done = subprocess.run(
-        [sys.executable, "-m", "brdfcheck", "check", "mitsuba:no such thing"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 4
-    assert done.stdout == ""
-    assert len(done.stderr.strip().splitlines()) == 1
+    code, out, err = python("-m", "brdfcheck", "check", "mitsuba:no such thing")
+    assert (code, out, len(err.strip().splitlines())) == (4, "", 1)
 
 
 def test_the_llvm_library_is_looked_for(monkeypatch, tmp_path):
@@ -258,10 +253,7 @@ def test_the_llvm_library_is_looked_for(monkeypatch, tmp_path):
 @pytest.mark.slow
 def test_verdicts_say_what_they_rest_on(tmp_path):
     record = tmp_path / "record.json"
-    done = subprocess.run(
-        [sys.executable, "-m", "brdfcheck", "check", "mitsuba:diffuse", "--json", str(record)], capture_output=True, check=False
-    )
-    assert done.returncode == 0
+    assert python("-m", "brdfcheck", "check", "mitsuba:diffuse", "--json", record)[0] == 0
     (result,) = json.loads(record.read_text())["results"]
     assert (result["verdict"], result["basis"]) == ("CONSERVES", "single precision")
     violates = brdfcheck.check("mitsuba:principled", effort="quick")

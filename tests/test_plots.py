@@ -5,25 +5,19 @@ from __future__ import annotations
 import io
 import itertools
 import math
-import os
 import re
-import subprocess
-import sys
 import warnings
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 import pytest
 from selection import few
+from shared import ROOT, python
 
-import brdfcheck
 from brdfcheck import plots
 from brdfcheck.brdf import catalog
 from brdfcheck.plots import panels, paper
 from brdfcheck.plots.styles import DASHES, FITS, LOBES, VARIANTS, ink, style_of, styles
-
-ROOT = Path(brdfcheck.__file__).parent.parent
 
 
 def exponent_curve(name="phong", values=None, above=(), x=None, **changes):
@@ -454,15 +448,11 @@ for kind, curves in (("albedo-vs-n", [PUBLISHED]), ("albedo-vs-angle", [angle_cu
 
 @pytest.mark.slow
 def test_the_same_bytes_in_every_process():
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-c", _RENDER], cwd=ROOT, check=True, capture_output=True, text=True, timeout=120,
-            env={**os.environ, "PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": seed},
-        ).stdout
-        for seed in ("1", "2")
-    ]  # fmt: skip
-    assert outputs[0] == outputs[1]
-    assert len(outputs[0].splitlines()) == 5
+    first, second = (
+        python("-c", _RENDER, cwd=ROOT, environment={"PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": seed}) for seed in ("1", "2")
+    )
+    assert first == second
+    assert (first[0], len(first[1].splitlines())) == (0, 5)
 
 
 def test_svg_is_text_without_a_date():
@@ -485,7 +475,6 @@ def test_the_settings_of_the_user_do_not_matter():
 def test_plotting_never_computes():
     code = "import sys, brdfcheck.plots as p, brdfcheck.plots.panels, brdfcheck.output.curve_files"
     code += "; print([m for m in ('jax', 'equinox', 'matplotlib.pyplot') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "[]"
+    assert python("-c", code)[:2] == (0, "[]\n")
     for path in (ROOT / "brdfcheck" / "plots").glob("*.py"):
         assert not re.search(r"^\s*(import|from) (jax|scipy)", path.read_text(), re.MULTILINE), path

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ast
 import importlib
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from shared import python
 
 import brdfcheck
 
@@ -39,7 +38,7 @@ def test_submodules_are_attributes_and_lobes_have_their_short_names():
         except AttributeError as error:
             assert str(error) == "module 'brdfcheck' has no attribute 'phong'"
     """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    assert python("-c", code)[0] == 0
 
 
 def test_whatever_the_api_page_shows_says_what_it_is():

@@ -150,14 +150,10 @@ def test_a_failure_says_all_there_is_to_say(pytester: pytest.Pytester, session: 
     ("call", "said"),
     [
         ("matt, k=(5, 1)", "UsageError: the range of k is empty: 5 > 1"),
-        ("matt, k=3", "UsageError: the range of k must be two numbers (LO, HI); got 3"),
-        ("matt, q=(1, 5)", "UsageError: matt has no parameter 'q'; its parameters: k"),
         ("matt", "NoRange: matt: the parameter k must be given a range"),
         ("matt, k=(1, 5), effort='slow'", "ValueError: effort must be one of quick, normal, thorough; got 'slow'"),
-        ("matt, k=(1, 5), cos_theta=(1, 2)", "UsageError: cos_theta must run within 0:1; got 1:2"),
         ("3", "TypeError: a BRDF must be callable"),
         ("'gone.py:f'", "UsageError: there is no file 'gone.py'"),
-        ("'phong', n=(-1, 5)", "UsageError: phong at n=-1: n must be finite and >= 0"),
     ],
 )
 def test_what_is_wrong_with_a_question_is_one_line_below_the_one_that_asks_it(
@@ -199,8 +195,6 @@ def test_what_is_wrong_with_a_question_is_one_line_below_the_one_that_asks_it(
         ("effort='quick'", "pass", "must return a BRDF"),
         ("effort='quick'", "return 3", "a BRDF must be callable"),
         ("effort='quick'", "return matt", "the parameter k must be given a range"),
-        ("over={'m': (1, 2)}", "return matt", "has no parameter 'm'"),
-        ("effort='quick'", "return 'gone.py:f'", "there is no file 'gone.py'"),
     ],
 )
 def test_what_is_wrong_with_a_marker_is_one_line(

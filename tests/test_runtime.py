@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import warnings
 from pathlib import Path
 
 import jax
 import pytest
+from shared import python
 
 from brdfcheck.runtime import cache_folder, use_compilation_cache
 
@@ -70,7 +69,7 @@ def test_without_a_folder_there_is_no_cache_and_no_error(
     assert jax.config.jax_compilation_cache_dir == settings_of_jax["jax_compilation_cache_dir"]  # pyright: ignore
 
 
-def test_importing_the_package_leaves_single_precision_alone() -> None:
+def test_importing_the_package_leaves_single_precision_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     code = """if True:
         import brdfcheck, jax
         from brdfcheck import Phong, catalog, verdict
@@ -79,7 +78,6 @@ def test_importing_the_package_leaves_single_precision_alone() -> None:
         brdfcheck.use_x64()
         assert Phong(2.0).n.dtype == 'float64'
     """
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("JAX_")}
-    environment["PYTHONPATH"] = str(Path(__file__).parent.parent)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    for name in [name for name in os.environ if name.startswith("JAX_")]:
+        monkeypatch.delenv(name)
+    assert python("-c", code)[::2] == (0, "")

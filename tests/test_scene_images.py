@@ -7,9 +7,9 @@ import io
 import warnings
 
 import numpy as np
-import png
 import pytest
 from PIL import Image
+from shared import picture
 
 from brdfcheck.scene import images
 from brdfcheck.scene.images import encode_srgb, rgb_of_spectrum
@@ -79,10 +79,8 @@ def test_bad_spectra_are_refused(arguments, options, words):
 def test_png_holds_the_srgb_codes(bits, tmp_path):
     path = tmp_path / "image.png"
     images.write_image(path, IMAGE, bits=bits)
-    width, height, rows, info = png.Reader(bytes=path.read_bytes()).read()
-    assert (width, height, info["bitdepth"], info["planes"]) == (34, 21, bits, 3)
-    found = np.vstack([np.asarray(row) for row in rows]).reshape(21, 34, 3)
-    top = 2**bits - 1
+    found, top = picture(path), 2**bits - 1
+    assert (found.shape, found.dtype) == ((21, 34, 3), f"uint{bits}")
     np.testing.assert_array_equal(found, np.rint(encode_srgb(np.moveaxis(IMAGE, 0, -1)) * top))
     assert found.min() == 0
     assert found.max() == top

@@ -6,7 +6,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from selection import few
 
 from brdfcheck import albedo
 from brdfcheck.brdf import catalog
@@ -150,7 +149,7 @@ def test_a_large_furnace_integrates_each_angle_once():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("samples", few([1, 2, 4], (2,)))
+@pytest.mark.parametrize("samples", [1, 2, 4])
 def test_false_colours_are_on_their_scale_and_a_thin_rim_is_seen(samples):
     _, tile = white_furnace._furnace_pair(canvas.Canvas(49, samples), "binomial-power-unclamped", {"n": 40})
     tile = tile.reshape(3, -1, 1)

@@ -10,13 +10,11 @@ from pathlib import Path
 
 import pytest
 from selection import few
+from shared import ROOT, python
 
-import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode
 from brdfcheck.messages import one_line
-
-ROOT = Path(brdfcheck.__file__).parent.parent
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
 # No locale at all, and Python not told to take UTF-8 for it.
@@ -102,12 +100,10 @@ def test_what_a_file_prints_is_no_finding_where_it_cannot_be_written(folder: Pat
 def test_what_a_file_prints_is_no_finding_where_nobody_reads_it(folder: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    command = [sys.executable, "-m", "brdfcheck", "check", "mine.py:f", "--debug"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=writing, text=True, check=False)
+    code, out, _ = python("-m", "brdfcheck", "check", "mine.py:f", "--debug", cwd=folder, stderr=writing)
     os.close(writing)
-    assert done.returncode == ExitCode.PASSED
-    assert done.stdout.splitlines()[-1].startswith("1 conserves, ")
+    assert code == ExitCode.PASSED
+    assert out.splitlines()[-1].startswith("1 conserves, ")
 
 
 def test_a_process_without_streams(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,18 +8,15 @@ import json
 import os
 import re
 import shutil
-from pathlib import Path
 from typing import Any
 
 import pytest
 from selection import few
-from shared import strict_json
+from shared import ROOT, strict_json
 
-import brdfcheck
 from brdfcheck import processes, studies
 from brdfcheck.processes import Finished
 
-ROOT = Path(brdfcheck.__file__).parent.parent
 STUDIES = studies.find()
 # Seconds of studies that may take more than two minutes: one compiles large shaders, one gives 10,736 verdicts, one is a
 # process for each family, twice, one asks every other package for every case.

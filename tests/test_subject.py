@@ -150,11 +150,6 @@ KINDS = """
         def __call__(self, wi, wo):
             return self.gloss + 0 * wi[..., 2]
 
-    def picky(n):
-        if n > 5:
-            raise RuntimeError("too large")
-        return function
-
     def sized(n, k: int = 16):
         return BinomialPower(n, k)
 
@@ -228,11 +223,6 @@ def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
 def test_parameters_are_checked_before_the_work(kinds: str, name: str, ranges: dict, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         one(f"{kinds}:{name}", **ranges)
-
-
-def test_a_factory_of_the_user_that_raises_is_a_finding(kinds: str) -> None:
-    line = 1 + KINDS.splitlines().index('            raise RuntimeError("too large")')
-    assert one(f"{kinds}:picky", n=(1.0, 10.0)).finding == f"picky(n=10) raised RuntimeError: too large ({kinds}:{line})"
 
 
 # --- the catalogue, and both together ---

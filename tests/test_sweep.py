@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import errno
 import itertools
 import json
@@ -12,7 +11,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +21,7 @@ import pytest
 import xarray
 from projects import SWEEP
 from selection import few
-from shared import contents
+from shared import ROOT, contents, process, python, shown_by
 
 import brdfcheck
 from brdfcheck import cli
@@ -33,7 +31,6 @@ from brdfcheck.sweep import Plan, layout, parse, run_sweep, runner, store
 from brdfcheck.sweep.compute import Computer
 from brdfcheck.sweep.store import Store
 
-ROOT = Path(__file__).parent.parent
 SMALL = {
     "brdf": "phong",
     "axes": {"n": {"geomspace": [1, 100, 5]}, "cos_theta": {"linspace": [0.1, 1, 7]}},
@@ -43,13 +40,6 @@ SMALL = {
 
 def sweep(document: dict, out: Path, folder: Path | None = None, **options: object) -> xarray.Dataset:
     return run_sweep(parse(document, folder=folder), out, **options)  # pyright: ignore[reportArgumentType]
-
-
-def process(*arguments: object, devices: int = 1, **options: object) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu", "TERM": "xterm", "COLUMNS": "140"}
-    environment["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={devices}"
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **options}
-    return subprocess.Popen([sys.executable, *map(str, arguments)], env=environment, **options)  # pyright: ignore
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -710,14 +700,11 @@ def test_two_devices_and_a_terminal(config, tmp_path):
     file = config(('"phong"', '"phong"\nrule = ["default", "zonal"]'), ("240", "43"), ("cos_theta = 1\n", "cos_theta = 4\n"))
     ours, theirs = pty.openpty()
     command = ("-m", "brdfcheck", "sweep", file, "--out", tmp_path / "two")
-    running = process(*command, devices=2, stdout=subprocess.DEVNULL, stderr=theirs)
+    two = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": "--xla_force_host_platform_device_count=2", "TERM": "xterm", "COLUMNS": "140"}
+    running = process(*command, environment=two, stdout=subprocess.DEVNULL, stderr=theirs)
     os.close(theirs)
-    shown = b""
-    with contextlib.suppress(OSError):  # what a terminal says when the other side closes
-        while part := os.read(ours, 65536):
-            shown += part
+    shown = shown_by(ours)
     assert running.wait(60) == 0
-    os.close(ours)
     for words in (b"sweeping", b"cells/s", b"/22 chunks", b"left"):
         assert words in shown
     runner.fill(Plan(brdfcheck.sweep.read_config(file)), tmp_path / "one")
@@ -741,7 +728,7 @@ for columns in (20, 640):
     fill(Plan(parse({"brdf": "phong", "axes": axes, "chunks": {"cos_theta": 20}})), f"{sys.argv[1]}/{columns}")
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
-    stdout, stderr = process("-c", code, tmp_path).communicate(timeout=200)
+    _, stdout, stderr = python("-c", code, tmp_path)
     small, large = (int(line) / 1024 for line in stdout.split()) if stdout else pytest.fail(stderr)
     # All results of the larger one would be 77 MB.
     assert large - small < 40, (small, large)

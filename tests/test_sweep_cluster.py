@@ -14,7 +14,7 @@ from typing import Any
 
 import projects
 import pytest
-from shared import contents
+from shared import ROOT, contents
 
 from brdfcheck import cli
 from brdfcheck.messages import SweepError, UsageError
@@ -22,7 +22,6 @@ from brdfcheck.sweep import Plan, cluster, fill, layout, parse, read_config
 
 dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
 
-ROOT = Path(__file__).parent.parent
 SWEEP = projects.SWEEP.replace("240", "160").replace("[axes]", 'rule = "zonal"\n[axes]')
 USER = """
 import helper

@@ -47,7 +47,7 @@ def test_a_table_is_its_cells(name, n):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", few(["phong", "blinn-phong", "schlick", "binomial-power"], ("phong",)))
+@pytest.mark.parametrize("name", ["phong", "blinn-phong", "schlick", "binomial-power"])
 def test_wide_ranges(name):
     n = np.geomspace(0.01 if "phong" in name else 1, 1e7, 400)
     mu = np.append(np.geomspace(1e-6, 1, 7), 0.3)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from selection import few
 
 from brdfcheck import transport
 
@@ -151,7 +150,7 @@ def test_arrays_and_errors_that_hold():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("other", "name"), [(TOP, "parallel"), (SIDE, "sharing an edge")])
-@pytest.mark.parametrize("order", few([4, 8, 12, 16], (8, 16)))
+@pytest.mark.parametrize("order", [4, 8, 12, 16])
 def test_patches_with_an_honest_error(other, name, order):
     closed = transport.parallel_rectangles if name == "parallel" else transport.perpendicular_rectangles
     exact = closed(UNIT, UNIT, UNIT, UNIT, *([1.0] if name == "parallel" else []))

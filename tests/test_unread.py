@@ -91,9 +91,14 @@ def test_the_other_subjects_are_judged_and_every_report_is_written(
         assert f"::error file={file},line={line},title=brdfcheck%3A {name.replace(':', '%3A')}::ERROR: " in out
     assert not found["mine.py:bright"]["unread"]
     assert results["mine.py:bright"]["ruleId"] == "energy/violates"
+    assert results["mine.py:bright"]["locations"][0]["physicalLocation"] == {
+        "artifactLocation": {"uri": "mine.py", "uriBaseId": "%SRCROOT%"}, "region": {"startLine": 8}
+    }  # fmt: skip
     assert tests["mine.py:bright"].find("failure") is not None
+    assert (tests["mine.py:bright"].get("file"), tests["mine.py:bright"].get("line")) == ("mine.py", "8")
     badge = json.loads((here / "b.json").read_text())
-    assert badge["message"] == f"1 of {len(UNREAD) + 2} violates"
+    message = f"1 of {len(UNREAD) + 2} violates"
+    assert badge == {"schemaVersion": 1, "label": "energy", "message": message, "color": "red"}
 
 
 @pytest.mark.parametrize("over", [(), ("--over", "k=1"), ("--over", "k=1,2")])

@@ -28,56 +28,44 @@ CONSERVES, VIOLATES, UNDECIDED = Verdict.CONSERVES, Verdict.VIOLATES, Verdict.UN
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "expected"),
+    ("value", "error", "expected", "known"),
     [
-        (0.5, 0.1, CONSERVES),
-        (1.0, 0.0, CONSERVES),
-        (1 + 5e-10, 4e-10, CONSERVES),
-        (1.0, 2e-9, UNDECIDED),
-        (0.999, 0.01, UNDECIDED),
-        (1.001, 0.01, UNDECIDED),
-        (1 + 3e-9, 1e-9, VIOLATES),
-        (1 + 3e-9, 2.5e-9, UNDECIDED),
-        (1.001, 1e-12, VIOLATES),
-        (4.0, 1.0, VIOLATES),
-        (4.0, np.inf, UNDECIDED),
-        (0.5, np.inf, UNDECIDED),
-        (np.inf, 0.0, VIOLATES),
-        (np.inf, np.inf, VIOLATES),
-        (np.inf, np.nan, VIOLATES),
-        (np.nan, 0.0, UNDECIDED),
-        (np.nan, np.nan, UNDECIDED),
-        (0.5, np.nan, UNDECIDED),
-        (2.0, np.nan, UNDECIDED),
-        (-1.0, 0.0, CONSERVES),
+        (0.5, 0.1, CONSERVES, {}),
+        (1.0, 0.0, CONSERVES, {}),
+        (1 + 5e-10, 4e-10, CONSERVES, {}),
+        (1.0, 2e-9, UNDECIDED, {}),
+        (0.999, 0.01, UNDECIDED, {}),
+        (1.001, 0.01, UNDECIDED, {}),
+        (1 + 3e-9, 1e-9, VIOLATES, {}),
+        (1 + 3e-9, 2.5e-9, UNDECIDED, {}),
+        (1.001, 1e-12, VIOLATES, {}),
+        (4.0, 1.0, VIOLATES, {}),
+        (4.0, np.inf, UNDECIDED, {}),
+        (0.5, np.inf, UNDECIDED, {}),
+        (np.inf, 0.0, VIOLATES, {}),
+        (np.inf, np.inf, VIOLATES, {}),
+        (np.inf, np.nan, VIOLATES, {}),
+        (np.nan, 0.0, UNDECIDED, {}),
+        (np.nan, np.nan, UNDECIDED, {}),
+        (0.5, np.nan, UNDECIDED, {}),
+        (2.0, np.nan, UNDECIDED, {}),
+        (-1.0, 0.0, CONSERVES, {}),
+        (0.5, 0.1, UNDECIDED, {"settled": False}),
+        (1.001, 1e-12, VIOLATES, {"settled": False}),
+        (1.1, 0.3, VIOLATES, {"least": 1.05}),  # some place is known to be above, another one may be higher
+        (1.1, 0.3, UNDECIDED, {"least": 0.9}),
+        (0.5, 0.1, CONSERVES, {"least": 0.45}),
+        (np.inf, np.inf, VIOLATES, {"least": np.inf}),
+        (0.9, np.inf, UNDECIDED, {"least": 0.9}),
+        (1.005, 1e-9, CONSERVES, {"tolerance": 0.01}),
+        (1.005, 1e-9, VIOLATES, {"tolerance": 0.001}),
+        (1.005, 1e-9, UNDECIDED, {"tolerance": 0.005}),
+        (1.0, 1e-15, UNDECIDED, {"tolerance": 0.0}),
+        (1 + TOLERANCE, 1e-15, UNDECIDED, {}),
     ],
 )
-def test_judge(value: float, error: float, expected: Verdict) -> None:
-    assert judge(value, error) is expected
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "least", "settled", "expected"),
-    [
-        (0.5, 0.1, None, False, UNDECIDED),
-        (1.001, 1e-12, None, False, VIOLATES),
-        (1.1, 0.3, 1.05, True, VIOLATES),  # some place is known to be above, another one may be higher
-        (1.1, 0.3, 0.9, True, UNDECIDED),
-        (0.5, 0.1, 0.45, True, CONSERVES),
-        (np.inf, np.inf, np.inf, True, VIOLATES),
-        (0.9, np.inf, 0.9, True, UNDECIDED),
-    ],
-)
-def test_what_is_known_at_least_and_a_search_that_did_not_settle(value, error, least, settled, expected) -> None:
-    assert judge(value, error, least=least, settled=settled) is expected
-
-
-def test_the_tolerance_moves_the_line() -> None:
-    assert TOLERANCE == 1e-9
-    assert judge(1.005, 1e-9, 0.01) is CONSERVES
-    assert judge(1.005, 1e-9, 0.001) is VIOLATES
-    assert judge(1.005, 1e-9, 0.005) is UNDECIDED
-    assert judge(1.0, 1e-15, 0.0) is UNDECIDED
+def test_judge(value: float, error: float, expected: Verdict, known: dict[str, Any]) -> None:
+    assert judge(value, error, **known) is expected
 
 
 # --- targets ---

@@ -261,13 +261,7 @@ def check() -> None:
         print(f"{distribution} {masking} m={m} mu={mu:.6g}: {value:.10f}, printed {printed:.8f}{mark}")
     for distribution in ("beckmann", "ggx"):
         for masking in MASKINGS:
-            for f0, m, mu in (
-                (1.0, 0.2, 0.5),
-                (1.0, 0.484375, 0.2),
-                (0.04, 0.7, 0.8),
-                (1.0, 1.0, 1.0),
-                (0.04, 0.4, 0.05),
-            ):
+            for f0, m, mu in CASES:
                 value, error = reference(distribution, masking, f0, m, mu)
                 plain = brute_force(distribution, masking, f0, m, mu)
                 where = f"{distribution} {masking} f0={f0} m={m} mu={mu}"
