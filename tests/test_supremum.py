@@ -93,7 +93,7 @@ class Planted(PointwiseAlbedo):
     def channels(self, parameters, cos_theta, azimuth, *, rtol=None):
         return self(parameters, cos_theta, azimuth)
 
-    def estimate(self, parameters, cos_theta, azimuth, level, *, both=False):
+    def estimated_channels(self, parameters, cos_theta, azimuth, level, *, both=False):
         value, error = self(parameters, cos_theta, azimuth)
         if not self._function:
             return value, error
@@ -439,6 +439,20 @@ def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
 
     found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
     assert abs(found.value - 1.000000004) <= found.error < 2e-9
+
+
+@pytest.mark.parametrize("count", few([2, 3], [2]))
+def test_the_top_of_a_channel_that_another_surrounds(count: int):
+    # Red is above green on 1 % (4 %) of each range: the largest of both is level but there, and CONSERVES it was.
+    top, level = (1.00001, 0.999995) if count == 2 else (1.0001, 0.9999)
+
+    def build(**values):
+        red = top - 0.5 * sum((value - x) ** 2 for value, x in zip(values.values(), (0.371, 0.613, 0.44), strict=False))
+        return lambda wi, wo: jnp.stack([red, level, 0.5], -1) / jnp.pi + 0 * wo[..., 2:]
+
+    found = supremum(PointwiseAlbedo(Family("red", build, {f"p{i}": (0.0, 1.0) for i in range(count)})))
+    assert abs(found.value - top) <= found.error < 1e-9
+    assert found.channel == 0
 
 
 @pytest.mark.parametrize("near", few([(1e-5, 3e-5), (2.7e-6, 0.0)], [(1e-5, 3e-5)]))

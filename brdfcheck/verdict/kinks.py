@@ -146,7 +146,7 @@ def top_of_crest(function: Function, box: Box, place: np.ndarray, error: float =
     while len(gains) < rounds and near >= _NEAREST and max(tops) - value > enough:
         around = np.concatenate([[0 * way, 0.5 * way, way], random.uniform(-1, 1, (2 * dimension - 1, dimension))])
         fresh = _Tangents.taken(function, box, np.clip(place + near * around, low, high), near * _ARM, rounding)
-        known = fresh.joined(known).of(slice(_KEPT))
+        known = fresh.joined(known).of(np.arange(len(fresh.values) + len(known.values))[:_KEPT])
         tangents = known.touching(place, value, near, rounding)
         trials, found = fresh.places, fresh.values
         if len(tangents.values):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brdfcheck.quadrature.anisotropy import CLEAN, TREMORS, apart
+from brdfcheck.quadrature.pointwise import worst_channel
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
@@ -28,6 +29,8 @@ _MARGIN = 1e-3
 # are so far apart, the parameters are looked at again at all angles, and at how many of these.
 _ECHOES, _ODD, _ODD_APART, _ODD_ANGLES = 96, 16, 4e-3, 33
 _BETWEEN = np.arange(-3, 4) / 4
+# Which part of a line is far enough from a place for it to stand out, and at most how many places of a line do.
+_BESIDE, _ON_A_LINE = 64, 3
 # Between which angles (radians) albedos are turned, and how many of those that changed are looked at for their rounding.
 _TURNS, _SUSPECTS = (0.0, 2.4), 64
 
@@ -68,8 +71,14 @@ class Scan:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
         box = surface.box
-        self.points = self._glance(np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)]))
+        places = np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)])
+        self.points, every = self._glance(places)
         self._straighten()
+        # The same of each channel of several, but for one that is the largest at all points.
+        self.channels: dict[int, Points] = {}
+        for channel, (value, error) in enumerate(zip(*(part.T for part in every), strict=True) if every[0].ndim > 1 else ()):
+            if np.any(value < self.points.values):
+                self.channels[channel] = Points(self.points.places, value, error, np.zeros(len(value), int))
         surface.albedo.look_at_sides()
         self._refine(self.points, -np.inf)
 
@@ -90,13 +99,15 @@ class Scan:
 
     def look(self, places: np.ndarray, best: float) -> Points:
         """A scan by the quick rule, and finer rules where that may matter for what is higher than `best`."""
-        found = self._glance(places)
+        found, _ = self._glance(places)
         self._refine(found, best)
         return found
 
-    def _glance(self, places: np.ndarray) -> Points:
-        value, error = self.surface.estimate(0, places, both=True)
-        return Points(places, value, error, np.zeros(len(value), int))
+    def _glance(self, places: np.ndarray) -> tuple[Points, tuple[np.ndarray, np.ndarray]]:
+        """Points as the coarsest rule sees them, and values and errors of each channel."""
+        every = self.surface.channels(0, places, both=True)
+        value, error, _ = worst_channel(*every)
+        return Points(places, value.copy(), error.copy(), np.zeros(len(value), int)), every
 
     def _refine(self, points: Points, best: float) -> None:
         finer = (_THIRD,) if self.surface.fast else (_SECOND, _THIRD)
@@ -325,3 +336,21 @@ class Scan:
         if box.dimension > 1:
             found["cell"] = float(min(1.0, 2.5 * len(places) ** (-1 / box.dimension)))
         return found
+
+
+def standing_out(lines: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Where lines along parameters (axes, points, dimension) stand out upwards or downwards: (places, dimension).
+
+    Quick rules err alike along them: so a narrow range is seen in which the BRDF is another one.
+    """
+    far = max(2, height.shape[1] // _BESIDE)
+    chosen = []
+    for line, along in zip(lines, height, strict=True):
+        beyond = np.pad(along, far, mode="edge")
+        off = np.nan_to_num(np.abs(along - (beyond[: -2 * far] + beyond[2 * far :]) / 2), posinf=0.0)
+        for _ in range(_ON_A_LINE):
+            top = int(np.argmax(off))
+            if off[top] > 0:
+                chosen.append(line[top])
+            off[max(0, top - far) : top + far + 1] = 0
+    return np.array(chosen).reshape(-1, lines.shape[-1])

@@ -28,7 +28,7 @@ from brdfcheck.verdict.climb import CREST, Climbs, Trail, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
 from brdfcheck.verdict.kinks import up_crests
-from brdfcheck.verdict.scan import Points, Scan
+from brdfcheck.verdict.scan import Points, Scan, standing_out
 from brdfcheck.verdict.surface import GRAZES, Surface
 from brdfcheck.verdict.surface import Watch as Watch
 from brdfcheck.verdict.winners import AROUND, Winners
@@ -51,8 +51,8 @@ _AGAIN = 4
 _SAME, _LEVEL = 1e-3, 1e-5
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
 _LINE, _RIVALS = 513, 24
-# Which part of a line is far enough from a place for it to stand out, and how many places that do are looked at again.
-_BESIDE, _ODD = 64, 3
+# What is this much lower than the best (relative to it) is none.
+_NO_RIVAL = 2e-2
 # How many scanned points are confirmed at a time, and of a BRDF with jumps.
 _CONFIRMED, _CONFIRMED_JUMPS = 16, 4
 # Parameters at which all decades towards grazing are looked at, besides the corners.
@@ -172,6 +172,7 @@ class _Search:
             if winners.least >= 1 - _TOP or self.costly:
                 return self.answer(True)
         self.ascend(scan.points, _STARTS)
+        self.every_channel()
         self.rivals()
         self.confirm.graze(int(_GRAZING_LIGHT * self.scale))
         settled = False
@@ -202,6 +203,15 @@ class _Search:
     def ascend(self, points: Points, most: int) -> None:
         """Climb from the best points, rule after rule, and confirm where the climbs end."""
         self.follow(points, self.scan.starts(points, max(int(most * min(1, 2 * self.scale)), 8)))
+
+    def every_channel(self) -> None:
+        """Climb each channel by itself: the largest of all does not lead to a top of one that another surrounds."""
+        for channel, points in self.scan.channels.items():
+            starts = self.scan.starts(points, _STARTS // 5)
+            best = self.winners.best
+            self.surface.channel = channel
+            self.follow(points, starts[points.values[starts] > best - _NO_RIVAL * max(1, abs(best))])
+        self.surface.channel = None
 
     def follow(self, points: Points, chosen: np.ndarray) -> None:
         """Climb from some of the points."""
@@ -277,7 +287,7 @@ class _Search:
         for index in order:
             if len(chosen) >= most:
                 break
-            if index in chosen or not ends.values[index] + doubt[index] > least - 2e-2 * max(1, abs(least)):
+            if index in chosen or not ends.values[index] + doubt[index] > least - _NO_RIVAL * max(1, abs(least)):
                 continue
             if self.surface.box.distance(ends.places[chosen], ends.places[index]).min(initial=np.inf) >= _SAME:
                 chosen.append(int(index))
@@ -306,7 +316,8 @@ class _Search:
             lines[axis, :, axis] = along
         lines = lines.reshape(-1, box.dimension)
         value, error = self.surface.estimate(0, lines)
-        self.odd = self.stand_out(lines.reshape(box.dimension, -1, box.dimension), value.reshape(box.dimension, -1))
+        swept = len(box.swept) * len(along)
+        self.odd = standing_out(lines[:swept].reshape(-1, len(along), box.dimension), value[:swept].reshape(-1, len(along)))
         if self.confirm.hard:
             return
         height = np.pad(value.reshape(box.dimension, -1), ((0, 0), (1, 1)), constant_values=-np.inf)
@@ -316,26 +327,9 @@ class _Search:
         with np.errstate(all="ignore"):
             bend = before - 2 * middle + after
             top = np.where(np.isfinite(bend) & (bend < 0), middle - (after - before) ** 2 / (8 * bend), middle).ravel()
-        tops = np.flatnonzero(crest.ravel() & (top > winners.best - 2e-2 * max(1, abs(winners.best))))
+        tops = np.flatnonzero(crest.ravel() & (top > winners.best - _NO_RIVAL * max(1, abs(winners.best))))
         found = Points(lines, value, error, np.zeros(len(value), int))
         self.follow(found, tops[np.argsort(-top[tops])][:_RIVALS])
-
-    def stand_out(self, lines: np.ndarray, height: np.ndarray) -> np.ndarray:
-        """Where lines along the parameters (axes, points, dimension) stand out upwards or downwards: (places, dimension).
-
-        Quick rules err alike along them: so a narrow range is seen in which the BRDF is another one.
-        """
-        far = max(2, height.shape[1] // _BESIDE)
-        chosen = []
-        for line, along in zip(lines, height[: len(self.surface.box.swept)], strict=False):
-            beyond = np.pad(along, far, mode="edge")
-            off = np.nan_to_num(np.abs(along - (beyond[: -2 * far] + beyond[2 * far :]) / 2), posinf=0.0)
-            for _ in range(_ODD):
-                top = int(np.argmax(off))
-                if off[top] > 0:
-                    chosen.append(line[top])
-                off[max(0, top - far) : top + far + 1] = 0
-        return np.array(chosen).reshape(-1, lines.shape[-1])
 
     # --- what is left in doubt ---
 

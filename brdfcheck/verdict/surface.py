@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
+from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo, worst_channel
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Function
 from brdfcheck.verdict.precision import is_single
@@ -50,6 +50,7 @@ class Surface:
         # An extrapolation makes errors larger, and the limit of many a BRDF is 1.
         self.rtol_of_limits = max(_LIMITS, _ROUNDINGS * albedo.epsilon) if rtol is None else rtol
         self.count = 0
+        self.channel: int | None = None  # the one that is looked at
         self._lost: list[np.ndarray] = []
 
     @property
@@ -80,14 +81,22 @@ class Surface:
         """True where light may graze a function's surface: what happens there is a limit."""
         return self.box.has_angle and self.box.cosines[0] == 0 and not self.fast
 
-    def estimate(self, level: int, places: np.ndarray, *, both: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """By the rule of a level. What is not a number is nothing to climb to. `both`: see `PointwiseAlbedo.estimate`."""
+    def estimate(self, level: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By the rule of a level, of the largest channel, or of `channel`. What is not a number is nothing to climb to."""
+        value, error = self.channels(level, places)
+        if self.channel is None:
+            return worst_channel(value, error)[:2]
+        return value[:, self.channel], error[:, self.channel]
+
+    def channels(self, level: int, places: np.ndarray, *, both: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """The same channel by channel, (points, channels) or (points,). `both`: see `PointwiseAlbedo.estimate`."""
         self.count += len(places)
         with np.errstate(all="ignore"):
-            value, error = self.albedo.estimate(*self.box.physical(places), level, both=both)
+            value, error = self.albedo.estimated_channels(*self.box.physical(places), level, both=both)
         unknown = np.isnan(value)
-        if len(self._lost) < _LOST:
-            self._lost += list(places[np.flatnonzero(unknown)[:: max(1, np.count_nonzero(unknown) // 3)]])
+        if len(self._lost) < _LOST and np.any(unknown):
+            lost = np.flatnonzero(np.any(unknown.reshape(len(places), -1), axis=1))
+            self._lost += list(places[lost[:: max(1, len(lost) // 3)]])
         return np.where(unknown, -np.inf, value), np.where(unknown, 0, error)
 
     def produce(self, places: np.ndarray, rtol: float | None, *, limit: bool = False) -> tuple[np.ndarray, np.ndarray]:
