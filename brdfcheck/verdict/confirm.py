@@ -9,7 +9,7 @@ import numpy as np
 
 from brdfcheck.quadrature.pointwise import GRAZING
 from brdfcheck.verdict.box import DECADES, Box
-from brdfcheck.verdict.climb import Climbs, climb
+from brdfcheck.verdict.climb import CREST, Climbs, climb
 from brdfcheck.verdict.kinks import crest, is_kinked, top_of_crest
 from brdfcheck.verdict.poles import SUSPICIOUS, pole
 from brdfcheck.verdict.surface import GRAZES, Surface
@@ -144,6 +144,8 @@ class Confirmation:
         self._add(place[None], np.array([value]), np.array([error]), rtol, climbed=True, limit=limit)
         for turn in range(_RULES if np.isfinite(value) and inner.dimension else 0):
             start = float(near(place[None])[0][0])
+            # Slopes below the error of the rule are not seen.
+            blurred = error > _BLURRED * rtol * max(1, abs(value))
 
             def function(rest: np.ndarray, near=near) -> tuple[np.ndarray, np.ndarray]:
                 return near(whole(rest))
@@ -159,15 +161,17 @@ class Confirmation:
                 mixed=None if mixed is None else mixed[None],
                 calm=1,
                 reach=_REACH,
-                crest=0.0,  # which is looked at below
+                crest=CREST if blurred else 0.0,  # which is looked at below
                 check=self.check,
             )
             end, top, gap = ends.places[0], float(ends.values[0]), float(ends.known_gaps[0])
             done = bool(ends.settled[0] or ends.radii[0] < self.surface.step(1e-8))
             # No small stencil sees where the crest of a kink rises that runs across the axes.
-            if not limit and is_kinked(function, inner, end, ends.radii[0]):
+            if not limit and (ends.kinked[0] if blurred else is_kinked(function, inner, end, ends.radii[0])):
                 bound, seen = crest(surface, whole(end[None])[0], ends.radii[0], error)
-                if seen:
+                if blurred:
+                    gap, done = min(gap, bound), done and not seen
+                elif seen:
                     end, top, gap = top_of_crest(function, inner, end, error)
                     gap, done = min(gap, bound), True
             end = whole(end[None])[0]
@@ -177,7 +181,7 @@ class Confirmation:
             rises, stale = fresh - value > blur and moved > _REACH, promised - (fresh - value) > blur
             if moved > _REACH and not rises:  # along a ridge that hardly rises, which may go on to the other end of the box
                 gap, done = max(gap, (fresh - value) / moved), True
-            if error > _BLURRED * rtol * max(1, abs(value)):  # slopes below the error of the rule are not seen
+            if blurred:
                 gap = max(gap, 2 * error)
             if stale:  # the rule of one place does not serve at the other
                 gap = max(gap, promised - (fresh - value))

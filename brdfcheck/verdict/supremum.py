@@ -51,6 +51,8 @@ _AGAIN = 4
 _SAME, _LEVEL = 1e-3, 1e-5
 # Points of a line through the winner along each axis, and how many of the crests found on them are climbed.
 _LINE, _RIVALS = 513, 24
+# By how much a rule may err for its crests to be followed.
+_ROUGH = 1e-4
 # What is this much lower than the best (relative to it) is none.
 _NO_RIVAL = 2e-2
 # How many scanned points are confirmed at a time, and of a BRDF with jumps.
@@ -263,7 +265,7 @@ class _Search:
                 settled = trail.taken(np.flatnonzero(ends.settled))
                 self.known[level] = self.known[level].joined(settled) if level in self.known else settled
             keep = self.distinct(ends, doubt, 4)
-            up_crests(lambda unit: surface.estimate(surface.finest, unit), box, ends, keep)
+            up_crests(lambda unit: surface.estimate(surface.finest, unit), box, ends, keep[doubt[keep] < _ROUGH])
             keep = keep[self.distinct(ends.taken(keep), doubt[keep], len(keep))]
             best = self.winners.best + surface.rise(1e-8)
             keep = [i for i in keep if not self.winners.is_climbed(ends.places[i]) or ends.values[i] > best]
