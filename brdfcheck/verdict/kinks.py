@@ -99,13 +99,17 @@ def is_kinked(function: Function, box: Box, place: np.ndarray, radius: float) ->
     return bool(np.any(sharp > np.maximum(_KINKED * np.abs(bend[0]), seen)))
 
 
-def up_crests(function: Function, box: Box, ends: Climbs, which: np.ndarray) -> None:
-    """Where climbs by `function` ended on kinks, or beside them at an end of a range, go up the crests: of these, in place."""
+def up_crests(function: Function, box: Box, ends: Climbs, which: np.ndarray, most: float) -> None:
+    """Where climbs by `function` ended on kinks, or beside them at an end of a range, go up the crests: of these, in place.
+
+    `most`: how much higher a crest may go where its way does not tell, relative to the value.
+    """
     for index in which if box.dimension else ():
         place = _inwards(function, box, ends.places[index], float(ends.values[index]))
         moved = np.any(place != ends.places[index])
         if moved or (box.dimension > 1 and is_kinked(function, box, place, float(ends.radii[index]))):
-            ends.places[index], ends.values[index], ends.gaps[index] = top_of_crest(function, box, place)
+            ends.places[index], ends.values[index], gap = top_of_crest(function, box, place)
+            ends.gaps[index] = min(gap, most * max(abs(ends.values[index]), 1))
             ends.kinked[index] = ends.settled[index] = True
 
 
@@ -211,7 +215,9 @@ class _Tangents(NamedTuple):
         apart = self.places[beside] - self.places[:, None]
         rise = self.values[beside] - self.values[:, None] - np.einsum("ik,ijk->ij", self.slopes, apart)
         highest = np.maximum(np.max(rise, axis=1, initial=-np.inf), -above)
-        return self.of((above < _SERVES * size) & (highest <= _BENT * size + rounding))
+        # From afar nothing else is believed than what has no curvature, or a curved crest would look like a top.
+        allowed = np.where(beside, _BENT * size, _PART * _TOP) + rounding
+        return self.of((above < _SERVES * size) & (highest <= allowed))
 
     def highest(
         self, place: np.ndarray, value: float, near: float, low: np.ndarray, high: np.ndarray

@@ -265,7 +265,8 @@ class _Search:
                 settled = trail.taken(np.flatnonzero(ends.settled))
                 self.known[level] = self.known[level].joined(settled) if level in self.known else settled
             keep = self.distinct(ends, doubt, 4)
-            up_crests(lambda unit: surface.estimate(surface.finest, unit), box, ends, keep[doubt[keep] < _ROUGH])
+            clear = doubt[keep] < _ROUGH
+            up_crests(lambda unit: surface.estimate(surface.finest, unit), box, ends, keep[clear], self.crest)
             keep = keep[self.distinct(ends.taken(keep), doubt[keep], len(keep))]
             best = self.winners.best + surface.rise(1e-8)
             keep = [i for i in keep if not self.winners.is_climbed(ends.places[i]) or ends.values[i] > best]
