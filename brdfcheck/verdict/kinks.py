@@ -20,7 +20,7 @@ _STEP, _LONGER, _FAR = 6e-5, 16, 0.05
 _SHORTEST, _CLOSE = 1e-8, 10.0 ** np.arange(-8, -2.9, 0.5)
 # How neighbouring values round, relative to them; and what is seen of a kink: so, relative to their errors (which are alike),
 # and to the bend at the longer step.
-_ROUNDING, _SEEN, _ALIKE, _KINKED = 4e-15, 1e-13, 1e-3, 0.02
+_ROUNDING, _SEEN, _ALIKE, _KINKED = 4e-15, 1e-12, 1e-3, 0.02
 # The way up a crest: how near tangents are taken at first and at last, and over which part of that; how far they are trusted,
 # in that; which part of the steepest slope is none; and the parts of a step that are tried.
 _NEAR, _NEAREST, _ARM = 1e-3, 1e-7, 1 / 300
@@ -84,11 +84,14 @@ def _jumps(surface: Surface, place: np.ndarray, step: float, rtol: float) -> tup
 
 
 def is_kinked(function: Function, box: Box, place: np.ndarray, radius: float) -> bool:
-    """Whether a kink is seen along some axis near a place, by a function whose neighbouring values err alike."""
+    """Whether a kink is seen near a place from which two axes or more go both ways, so that its crest may run across them.
+
+    By a function whose neighbouring values err alike. Along one axis climbs close in on a kink.
+    """
     step, dimension = max(_STEP, 5 * radius), len(place)
     steps = _steps(box, place, step)
     inside = steps[1] > 0
-    if 4 * step > _FAR or not np.any(inside):
+    if 4 * step > _FAR or np.count_nonzero(inside) < 2:
         return False
     places = (place + _arms(steps))[:, :, inside]
     value, error = function(np.concatenate([place[None], box.kept(places.reshape(-1, dimension))]))
@@ -107,7 +110,7 @@ def up_crests(function: Function, box: Box, ends: Climbs, which: np.ndarray, mos
     for index in which if box.dimension else ():
         place = _inwards(function, box, ends.places[index], float(ends.values[index]))
         moved = np.any(place != ends.places[index])
-        if moved or (box.dimension > 1 and is_kinked(function, box, place, float(ends.radii[index]))):
+        if moved or is_kinked(function, box, place, float(ends.radii[index])):
             ends.places[index], ends.values[index], gap = top_of_crest(function, box, place)
             ends.gaps[index] = min(gap, most * max(abs(ends.values[index]), 1))
             ends.kinked[index] = ends.settled[index] = True
