@@ -442,6 +442,32 @@ def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
     assert abs(found.value - 1.000000004) <= found.error < 2e-9
 
 
+def test_a_top_where_three_kinks_meet():
+    # It was known to 0.002 only, which does not tell it from 1.
+    def build(p):
+        def value(wi):
+            x, y = p - 0.77, wi[..., 2] - 0.185
+            return 0.999 + jnp.minimum(jnp.minimum(0.15 * x + 0.036 * y, 0.22 * y - 0.043 * x), -0.028 * x - 0.156 * y)
+
+        return lambda wi, wo: value(wi) / jnp.pi + 0 * wo[..., 2]
+
+    found = supremum(PointwiseAlbedo(Family("planes", build, {"p": (0.0, 1.0)})))
+    assert abs(found.value - 0.999) <= found.error < 1e-7
+
+
+@pytest.mark.slow
+def test_a_curved_crest_that_hardly_rises_is_in_the_bar():
+    # Its slope is 0.39 across and 2.5e-6 along: 4e-8 were missed with a bar of 6e-9.
+    def build(p, q):
+        x, y = p - 0.256, q - 0.279
+        v = -0.374 * x - 0.927 * y
+        fall = 0.39 * jnp.abs(-0.927 * x + 0.374 * y + 0.39 * v * v) + 2.5e-6 * (jnp.abs(v) + 0.1 * v * v)
+        return lambda wi, wo: jnp.maximum(1.000000004 - fall, 0.05) / jnp.pi + 0 * wo[..., 2]
+
+    found = supremum(PointwiseAlbedo(Family("crest", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
+    assert found.value + found.error >= 1.000000004
+
+
 @pytest.mark.parametrize("count", few([2, 3], [2]))
 def test_the_top_of_a_channel_that_another_surrounds(count: int):
     # Red is above green on 1 % (4 %) of each range: the largest of both is level but there, and CONSERVES it was.
