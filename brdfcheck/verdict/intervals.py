@@ -29,10 +29,12 @@ def intervals_above(
     `peak`: a place where it does; `points` have been scanned.
     """
     grid = np.linspace(0, 1, _STEPS + 1)
-    peaks = _between(albedo, box, points, _ridge(albedo, box, grid, peak[None])[0] > threshold, peak, threshold)
-    unit = np.unique(np.append(grid, peaks[:, 0]))
-    exceeds = _ridge(albedo, box, unit, peaks)[0] > threshold
-    exceeds |= np.isin(unit, peaks[:, 0])
+    exceeds = _ridge(albedo, box, grid, peak[None])[0] > threshold
+    peaks = _between(albedo, box, points, exceeds, peak, threshold)
+    if len(peaks) > 1:  # at whose angles more may exceed it
+        exceeds = _ridge(albedo, box, grid, peaks)[0] > threshold
+    unit, first = np.unique(np.concatenate([peaks[:, 0], grid]), return_index=True)
+    exceeds = np.concatenate([np.ones(len(peaks), bool), exceeds])[first]
     crossings = np.flatnonzero(exceeds[1:] != exceeds[:-1])
     low, high = unit[crossings], unit[crossings + 1]
     for _ in range((_ROUNDS if albedo.fast else _ROUNDS_OF_FUNCTIONS) if crossings.size else 0):

@@ -67,15 +67,12 @@ def _jumps(surface: Surface, place: np.ndarray, step: float, rtol: float) -> tup
 
     Curvature adds to these in proportion to the step.
     """
-    dimension = len(place)
-    steps = _steps(surface.box, place, step)
-    free = steps[1] > 0
+    steps, places, free = _crossed(surface.box, place, step)
     if 4 * step > _FAR or not np.any(free):
         return np.inf, True
-    places = (place + _arms(steps))[:, :, free]  # (steps, sides, axes, dimension)
-    value, error = surface.produce(np.concatenate([place[None], surface.box.kept(places.reshape(-1, dimension))]), rtol)
+    value, error = surface.produce(places, rtol)
     beside, bars = (part[1:].reshape(2, 2, -1).sum(axis=1) for part in (value, error))
-    jump, noise = (2 * value[0] - beside) / steps[:, free], (2 * error[0] + bars) / steps[:, free]
+    jump, noise = (2 * value[0] - beside) / steps, (2 * error[0] + bars) / steps
     sharp, rounding = 4 * jump[1] - jump[0], 4 * noise[1] + noise[0]
     largest = (np.maximum(sharp, 0) + rounding) / 3
     # Twice, because the kink may be off the place by a part of the shorter step.
@@ -88,13 +85,11 @@ def is_kinked(function: Function, box: Box, place: np.ndarray, radius: float) ->
 
     By a function whose neighbouring values err alike. Along one axis climbs close in on a kink.
     """
-    step, dimension = max(_STEP, 5 * radius), len(place)
-    steps = _steps(box, place, step)
-    inside = steps[1] > 0
-    if 4 * step > _FAR or np.count_nonzero(inside) < 2:
+    step = max(_STEP, 5 * radius)
+    _, places, free = _crossed(box, place, step)
+    if 4 * step > _FAR or np.count_nonzero(free) < 2:
         return False
-    places = (place + _arms(steps))[:, :, inside]
-    value, error = function(np.concatenate([place[None], box.kept(places.reshape(-1, dimension))]))
+    value, error = function(places)
     seen = max(_SEEN * max(1, abs(value[0])), _ALIKE * error[0])
     bend = 2 * value[0] - value[1:].reshape(2, 2, -1).sum(axis=1)
     # Curvature grows with the square of the step, a kink with the step.
@@ -244,10 +239,17 @@ class _Tangents(NamedTuple):
         return found.x[:-1] * near, float(found.x[-1]) * size * near
 
 
-def _steps(box: Box, place: np.ndarray, step: float) -> np.ndarray:
-    """Four times a step and the step itself along each axis (2, dimension); shorter where the box ends, 0 at its ends."""
+def _crossed(box: Box, place: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Steps (2, free axes), a place and those so far from it, and which axes are free (dimension,).
+
+    Four times `step` and `step` itself, shorter where the box ends, along the axes at whose ends the place does not lie: first
+    the place, then (2 steps, 2 sides, free axes) of them.
+    """
     room = np.where(box.periodic, np.inf, np.minimum(place, 1 - place))
-    return np.array([4.0, 1.0])[:, None] * np.minimum(step, np.where(room > _SHORTEST, room / 4, 0))
+    free = room > _SHORTEST
+    steps = np.array([4.0, 1.0])[:, None] * np.minimum(step, room / 4)
+    beside = (place + _arms(steps))[:, :, free].reshape(-1, len(place))
+    return steps[:, free], np.concatenate([place[None], box.kept(beside)]), free
 
 
 def _arms(steps: np.ndarray) -> np.ndarray:
