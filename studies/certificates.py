@@ -116,6 +116,7 @@ def summary(record: dict[str, Any]) -> str:
     ]  # fmt: skip
     return (
         f"Boxes of the proof, and seconds on one core:\n\n{table(('slack', *(f'`{name}`' for name in names)), rows)}\n\n"
+        "Left, the theorem on normal incidence; right, the boxes of a proof:\n\n![theorem and proof](theorems.png)\n\n"
         "The catalogue: what is claimed, and what is proved. Names lead to the certificates, for"
         " `brdfcheck certify --verify`.\n\n"
         + table(("BRDF", "claim", "verdict", "statement proved", "boxes", "seconds"), found)

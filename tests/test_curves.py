@@ -159,6 +159,9 @@ def store(path, **options):
         data = xarray.concat([data, data * 0.1], "brdf").assign_coords(brdf=["raw", "tenth"])
     if options.get("missing"):
         data = data.where(data.n < 5)
+    if options.get("hole"):
+        data = xarray.concat([data, data], "azimuth").assign_coords(azimuth=[0.0, 1.0])
+        data[1, 1, 2] = np.nan
     data.to_dataset(name=options.get("name", "albedo")).to_zarr(path, consolidated=False, zarr_format=3)
     return str(path)
 
@@ -176,6 +179,9 @@ def test_stores_of_sweeps(tmp_path):
     assert tenth["above"] == []
     (part,) = curve_files.from_store(store(tmp_path / "part.zarr", missing=True), "albedo-vs-n")
     assert part["albedo"][-1] == "NaN"
+    # Not a number at one of the azimuths: the largest of all is not known there.
+    (hole,) = curve_files.from_store(store(tmp_path / "hole.zarr", hole=True), "heatmap")
+    assert [row.count("NaN") for row in hole["albedo"][:3]] == [0, 1, 0]
     for arguments, words in (
         ((plain, "factor"), "a sweep holds albedos"),
         ((str(tmp_path), "heatmap"), "holds no Zarr store"),

@@ -219,8 +219,11 @@ def test_a_page_s_svg_draws_the_same_in_less_space():
         (rules,) = (element for element in root.iter() if element.tag.endswith("style"))
         styles = dict(re.findall(r"\.(s\d+)\{([^}]*)\}", rules.text or ""))
         rules.text, found = "", []
+        named = set(re.findall(r'#([^")]+)[")]', svg.decode()))
+        ids = [element.get("id", "") for element in root.iter()]
+        places = {name: place for place, name in enumerate(name for name in ids if name in named)}
         for element in root.iter():
-            given = dict(element.attrib)
+            given = {key: re.sub(r"#([^)]+)", lambda m: f"#{places.get(m[1], m[1])}", text) for key, text in element.items()}
             given.pop("id", None)
             if "class" in given:
                 given["style"] = styles[given.pop("class")]

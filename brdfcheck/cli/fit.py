@@ -91,7 +91,7 @@ def _fit(
     A factor that the lobe carries already is taken off first. The verdict holds over all exponents of the range and all
     angles. What has no exponent gets one constant.
     """
-    held = words.together(over, option="--set")
+    held = words.together(over)
     if "n" in held:
         raise UsageError("--over n=...: give the exponents with --n")
     for key, (low, high) in held.items():
@@ -137,7 +137,7 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
     with contextlib.redirect_stdout(sys.stderr):
         target = _target(name, n, settings["over"], how)
         start()  # a user's file may have changed the precision
-        text = f"fitting {name} over n={n.low:g}:{n.high:g}; of plain functions half a minute"
+        text = f"fitting {name} over n={n.low:g}:{n.high:g}; about 30 s for a plain Python function"
         try:
             with output.waiting(text) as show, asked():
                 fit = fit_factor(target.family, n, settings["objective"], sampling=settings["sampling"])

@@ -243,7 +243,7 @@ def from_store(
     table = _table(path)
     for axis in ("azimuth", "channel"):
         if axis in table.dims:
-            table = table.max(axis)
+            table = table.max(axis, skipna=False)  # the largest of some and an unknown one is unknown
     parameter = _parameter(table)
     if parameter is None or "cos_theta" not in table.dims:
         have = ", ".join(map(str, table.dims)) or "none"

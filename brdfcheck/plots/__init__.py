@@ -89,8 +89,11 @@ def _short(svg: bytes) -> bytes:
     text = _PATHS.sub(lambda path: _DIGITS.sub(rb"\1", path[0]), svg)
     # Pairs of numbers that follow a line's or a move's are lines.
     text = _INDENT.sub(b"\n", _LINES.sub(lambda run: run[0].replace(b" \nL ", b" "), text))
-    named = set(_NAMED.findall(text))
-    text = _ID.sub(lambda name: name[0] if name[1] in named else b"", text)
+    # Names are numbers: the library's are of coordinates to the last bit, in which two layouts of a figure may differ.
+    named = {name for name, _ in _NAMED.findall(text)}
+    numbers = {name: b"n%d" % number for number, name in enumerate(n for n in _ID.findall(text) if n in named)}
+    text = _ID.sub(lambda name: b' id="%s"' % numbers[name[1]] if name[1] in numbers else b"", text)
+    text = _NAMED.sub(lambda name: b"#%s%s" % (numbers.get(name[1], name[1]), name[2]), text)
     # Each marker carries its style: they are rules, each written once.
     styles = {style: b"s%d" % number for number, style in enumerate(dict.fromkeys(_STYLE.findall(text)))}
     rules = b"".join(b"\n.%s{%s}" % (name, style) for style, name in styles.items())
@@ -101,7 +104,7 @@ def _short(svg: bytes) -> bytes:
 # Coordinates of paths and of markers.
 _PATHS, _DIGITS = re.compile(rb' (?:d|x|y)="[^"]*"'), re.compile(rb"(\.\d)\d+")
 _LINES, _INDENT = re.compile(rb"[ML] \S+ \S+(?: \nL \S+ \S+)+"), re.compile(rb"\n +")
-_ID, _NAMED, _STYLE = re.compile(rb' id="([^"]*)"'), re.compile(rb'#([^")]+)[")]'), re.compile(rb' style="([^"]*)"')
+_ID, _NAMED, _STYLE = re.compile(rb' id="([^"]*)"'), re.compile(rb'#([^")]+)([")])'), re.compile(rb' style="([^"]*)"')
 _EMBEDDED = re.compile(rb"(?<=data:image/png;base64,)[^\"]+")
 
 
