@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from selection import few
 from shared import ROOT, python
 
 import brdfcheck
@@ -471,7 +472,7 @@ def test_rounding_is_no_anisotropy(roughness: float) -> None:
     assert not PointwiseAlbedo(Family("ggx", lambda: cases.ggx_in_single_precision(roughness))).anisotropic
 
 
-@pytest.mark.parametrize("width", [20.0, 1.0])
+@pytest.mark.parametrize("width", few([20.0, 1.0], (1.0,)))
 def test_a_sector_of_azimuths_is_seen_in_single_precision(width: float) -> None:
     """Most pairs of directions say nothing of it, and all of them round."""
 
@@ -487,7 +488,7 @@ def test_a_sector_of_azimuths_is_seen_in_single_precision(width: float) -> None:
     assert report.azimuth == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("change", [5e-8, 4e-9])
+@pytest.mark.parametrize("change", few([5e-8, 4e-9], (4e-9,)))
 def test_a_change_with_the_azimuth_above_the_tolerance_is_seen(change: float) -> None:
     def f(wi: Any, wo: Any) -> Any:
         turned = jnp.cos(2 * (jnp.arctan2(wi[..., 1], wi[..., 0]) - 1.2))

@@ -22,7 +22,7 @@ from brdfcheck.verdict import TOLERANCE, Verdict, check_family, judge
 # Lobes with an exact factor whose albedo is largest at normal incidence (the references say so).
 _EXACT = tuple(name for name in LOBES if name not in MICROFACETS and "unclamped" not in name and name != "schlick_half")
 # Random factors that are judged by one search.
-_FACTORS = 5
+_FACTORS = 10
 
 
 def false_verdicts(count: int, seed: int = 1) -> dict[str, int]:
