@@ -2,8 +2,8 @@
 
 Command: ``brdfcheck study user_brdfs``. For an older version's times, ``--given`` the folder of its checkout.
 
-Answer: 3 to 15 seconds on two cores, 4 in the median, 1.8 times as fast as before in the median, 12 times at best and 1.06 at
-worst; brute force finds no larger albedo in any of 14 families, before it did in one.
+Answer: 3 to 14 seconds on two cores, 4 in the median, 1.7 times as fast as before in the median, 11 times at best and as fast
+at worst; brute force finds no larger albedo in any of 14 families, before it did in one.
 
 Twelve kinds of BRDF in plain JAX or numpy (_instruments/user_families.py), two in two forms, over all their parameters. Each
 check is a process, timed from start to end on all cores: with an empty cache of compiled programs, and below four seconds with

@@ -17,10 +17,11 @@ import numpy as np
 from brdfcheck.brdf.readers.specs import SUFFIXES
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.output.records import SCHEMA, SCHEMA_VERSION, number
+from brdfcheck.verdict.report import TOLERANCE
 
 Curve = dict[str, Any]
 
-_ABOVE = 1 + 1e-9
+_ABOVE = 1 + TOLERANCE
 _MOST = 40  # curves from one store
 _NEEDED = {
     "albedo-vs-n": ("parameter", "range", "x", "albedo"),

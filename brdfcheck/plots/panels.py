@@ -20,11 +20,12 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from brdfcheck.plots import paper, strips
 from brdfcheck.plots.styles import Style, looks, styles
+from brdfcheck.verdict.report import TOLERANCE
 
 Curves = Sequence[Mapping[str, Any]]
 Limits = tuple[float, float] | None
 
-_ABOVE = 1 + 1e-9
+_ABOVE = 1 + TOLERANCE
 _MOST = 1e30
 _MOST_CURVES = 40  # over angles: labels of more find no place beside the axes
 # Above the line nothing is fine: a few steps, in colours and with hatching that nothing below has.

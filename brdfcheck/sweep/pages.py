@@ -12,6 +12,7 @@ import numpy as np
 
 from brdfcheck.fits.slices import AZIMUTH, Axis, Slices
 from brdfcheck.output.html import Entry, page
+from brdfcheck.verdict.report import TOLERANCE
 
 if TYPE_CHECKING:
     import xarray
@@ -89,7 +90,7 @@ def _largest(albedo: xarray.DataArray, names: list[str]) -> tuple[dict[str, int]
     for corner in product(*(range(0, size, step) for size, step in zip(sizes, steps, strict=True))):
         block = {name: slice(low, low + step) for name, low, step in zip(albedo.dims, corner, steps, strict=True)}
         values = albedo.isel(block).values
-        above += int(np.count_nonzero(values > 1 + 1e-9))
+        above += int(np.count_nonzero(values > 1 + TOLERANCE))
         lost += int(np.count_nonzero(~np.isfinite(values)))
         finite = np.where(np.isfinite(values), values, -math.inf)
         if finite.size and float(finite.max()) > best:
