@@ -178,7 +178,7 @@ def test_stores_of_sweeps(tmp_path):
     assert (raw["name"], tenth["name"]) == ("raw", "tenth")
     assert tenth["above"] == []
     (part,) = curve_files.from_store(store(tmp_path / "part.zarr", missing=True), "albedo-vs-n")
-    assert part["albedo"][-1] == "NaN"
+    assert part["albedo"][-1] == part["worst_cos_theta"][-1] == "NaN"
     # Not a number at one of the azimuths: the largest of all is not known there.
     (hole,) = curve_files.from_store(store(tmp_path / "hole.zarr", hole=True), "heatmap")
     assert [row.count("NaN") for row in hole["albedo"][:3]] == [0, 1, 0]

@@ -167,7 +167,8 @@ def from_grid(
         top = np.max(known, axis=1)
         top = np.where(np.isinf(top) & (top < 0), np.nan, top)
         above = _crossings(x, top)
-        curve = {"x": rounded(x), "albedo": rounded(top), "worst_cos_theta": rounded(mu[np.argmax(known, axis=1)])}
+        worst = np.where(np.isnan(top), np.nan, mu[np.argmax(known, axis=1)])
+        curve = {"x": rounded(x), "albedo": rounded(top), "worst_cos_theta": rounded(worst)}
         return [{**base, "kind": kind, **curve, "above": above, **largest(row, column)}]
     if kind == "heatmap":
         curve = {"x": rounded(x), "cosines": rounded(mu), "albedo": [rounded(line) for line in values]}
