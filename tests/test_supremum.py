@@ -233,6 +233,28 @@ def test_what_the_answer_rests_on():
     assert set(beside.width) == {"n", "angle", "cell"}
 
 
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda n: Phong(n),
+        lambda n: CookTorrance(1 / n),
+        lambda n: lambda wi, wo: n / 9 * (1 + wi[..., 2] * wo[..., 2]) * jnp.array([0.2, 0.3]),
+    ],
+    ids=["lobe", "facets", "function"],
+)
+def test_at_a_single_place_there_is_nothing_to_climb(build: Callable):
+    family = Family("test", build, {"n": (9.0, 9.0)}, (0.3, 0.3))
+    found = supremum(PointwiseAlbedo(family))
+    exact = albedo(build(9.0), 0.3)
+    value, error = (float(np.max(part)) for part in (exact.value, exact.error))
+    assert found.climbs == 0
+    assert found.settled
+    assert found.parameters == {"n": 9.0}
+    assert found.cos_theta == 0.3
+    assert abs(found.value - value) <= found.error + error
+    assert found.error < 1e-9
+
+
 @pytest.mark.parametrize("name", few(catalog.names(), ("blinn-phong-8", "kuijk-blake-mirror", "binomial-power-unclamped")))
 def test_the_theorem_says_what_the_full_search_finds(name: str, monkeypatch: pytest.MonkeyPatch):
     family = catalog.entry(name).family

@@ -173,6 +173,10 @@ class _Search:
             # There is nothing left to find; or a point costs so much that the bar may as well reach up to 1.
             if winners.least >= 1 - _TOP or self.costly:
                 return self.answer(True)
+        if not surface.box.dimension:  # a single place: there is nothing to climb, and nothing else to look at
+            self.confirm.places(scan.points.places[:1])
+            self.confirm.tighten()
+            return self.answer(True)
         self.ascend(scan.points, _STARTS)
         self.every_channel()
         self.rivals()
@@ -427,7 +431,7 @@ class _Search:
             upper = max(upper, winners.best + self.kept * max(promise - winners.best, 0))
             settled &= not winners.unsettled(self.threshold, self.surface.rise(0.0))
         if self.bounded:  # whatever the search left open is not above 1
-            looked = self.climbs > 0 or least >= 1 - _TOP
+            looked = self.climbs > 0 or not surface.box.dimension or least >= 1 - _TOP
             upper, settled = min(upper, 1.0) if looked else 1.0, True
         bar = max(upper - value, error)
         if winners.broken or surface.unknown():  # somewhere the albedo is not known at all
