@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from _instruments import timing
-from _instruments.peers import PeerMissing, metal_table
+from _instruments.peers import metal_table
 from brdfcheck import albedo_table
 from brdfcheck.brdf.microfacet import CookTorrance
 
@@ -48,8 +48,7 @@ def test_beckmann_table_against_the_reference(rtol, most):
 
 def test_a_missing_numba_is_named(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda package: None)
-    with pytest.raises(PeerMissing, match="numba is not installed: pip install"):
-        metal_table.scipy_table(MIDDLES, MIDDLES, 1)
+    assert metal_table.missing() == "numba is not installed: pip install 'brdfcheck[peers]'"
 
 
 @pytest.mark.peers

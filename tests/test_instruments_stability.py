@@ -190,14 +190,6 @@ def test_overflow_is_inf_of_unknown_error():
         assert np.isposinf(answer.error)
 
 
-def test_references_with_holes_are_refused(tmp_path):
-    path = tmp_path / "holes.csv"
-    header = "lobe,n,cos_theta,albedo,radius,by_logarithm,by_angle,by_angle_float32"
-    path.write_text(f"{header}\nphong,1.0,1.0,1.0,0,0,0,0\nphong,2.0,0.5,1.0,0,0,0,0\n")
-    with pytest.raises(ValueError, match=r"phong has no albedo at n=1, cos_theta=0\.5"):
-        stability.read_references(path=path)
-
-
 def outcomes_at(exact, value, claimed, dtype):
     shape = (1, len(value))
     reference = stability.Reference("phong", np.ones(1), np.ones(len(value)), np.full(shape, exact), np.zeros(shape), {})

@@ -35,7 +35,7 @@ def test_a_measurement_holds_what_a_chart_needs():
 
 
 def test_chance_is_the_middle_of_some_runs():
-    point = measure(RULES["cosine-monte-carlo"](256), SMOOTH, repeats=1, runs=5)
+    point = measure(RULES["cosine-monte-carlo"](256), SMOOTH, repeats=1)
     errors = []
     for seed in range(5):
         import jax
@@ -66,7 +66,7 @@ class Compiling(AbstractPeer):
     def applies(self, core, cos_theta):
         return True
 
-    def compute(self, core, mu, key):
+    def integrate(self, core, mu, key):
         if self.seconds not in self.called:
             self.called.append(self.seconds)
             time.sleep(self.seconds)
@@ -86,7 +86,7 @@ class Slow(Compiling):
 
     compiles: ClassVar[bool] = False
 
-    def compute(self, core, mu, key):
+    def integrate(self, core, mu, key):
         self.called.append(self.seconds)
         time.sleep(self.seconds)
         return Raw(SMOOTH.reference, 0.0, 1)

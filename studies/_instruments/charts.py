@@ -41,6 +41,7 @@ PEERS = frozenset(
 # Where errors below the rounding of a double are drawn.
 FLOOR = 1e-17
 _NO_DIGIT = 0.5
+_COLUMNS = 3
 # Sixteen units in the last place: which error below is the smallest is luck.
 ROUNDING = {"float64": 2.0**-48, "float32": 2.0**-19}
 _COSTS = {
@@ -83,7 +84,7 @@ def label_places(
     return places
 
 
-def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", columns: int = 3) -> Figure:
+def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds") -> Figure:
     """One panel for each case of the records: each rule's errors joined faintly, the frontier of all of them bold.
 
     `records`: objects of `WorkPrecision.to_json_object`. `cost`: one of `_COSTS`.
@@ -91,8 +92,7 @@ def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds", col
     from matplotlib.lines import Line2D
 
     cases = list(dict.fromkeys(record["case"] for record in records))
-    lines = -(-len(cases) // columns)
-    columns = min(columns, len(cases))
+    lines, columns = -(-len(cases) // _COLUMNS), min(_COLUMNS, len(cases))
     drawn = paper.empty(3.3 * columns + 0.4, 2.75 * lines + 0.4)
     with paper.house_style():
         grid = drawn.subplots(lines, columns, squeeze=False, sharey=True)

@@ -20,7 +20,7 @@ _SAMPLES, _CELLS = (2**10, 2**14), 24
 
 
 def numpy_table(
-    alphas: Float[np.ndarray, " rows"], cosines: Float[np.ndarray, " mu"], order: int, f0: float = 1.0
+    alphas: Float[np.ndarray, " rows"], cosines: Float[np.ndarray, " mu"], order: int
 ) -> Float[np.ndarray, "rows mu"]:
     """Albedos of GGX by Gauss nodes over the half vector, `order` in the polar angle and in azimuth, cut at the horizon.
 
@@ -49,8 +49,6 @@ def numpy_table(
         out = np.clip(2 * meets * cosine - mu, 1e-150, 1)
         lambdas = [(np.sqrt(1 + alpha**2 * (1 - z * z) / (z * z)) - 1) / 2 for z in (mu, out)]
         value = meets / (mu * cosine * (1 + lambdas[0] + lambdas[1]))
-        if f0 < 1:
-            value = value * (f0 + (1 - f0) * (1 - meets) ** 5)
         table[row] = np.sum(weight * (full[..., 0] / np.pi) * (value @ (w / 2)), axis=1)
     return table
 
@@ -69,9 +67,9 @@ def mitsuba(peer: Any, rows: Any, columns: Any) -> list[dict[str, Any]]:
     for samples in _SAMPLES:
         rule, cells = peer(samples), [(i, j) for i in range(len(rows)) for j in range(len(columns))][:_CELLS]
         lobes = {i: GGX(rows[i] ** 2, masking="smith-separable") for i in range(len(rows))}
-        rule.compute(lobes[0], columns[0], jax.random.key(1))
+        rule.integrate(lobes[0], columns[0], jax.random.key(1))
         began = time.process_time()
-        values = [float(rule.compute(lobes[i], columns[j], jax.random.key(k)).value) for k, (i, j) in enumerate(cells)]
+        values = [float(rule.integrate(lobes[i], columns[j], jax.random.key(k)).value) for k, (i, j) in enumerate(cells)]
         spent = (time.process_time() - began) / len(cells) * 64 * 64
         error = max(abs(value - own[cell]) for value, cell in zip(values, cells, strict=True))
         way = {"job": "GGX", "way": "Mitsuba", "setting": f"{samples} samples"}

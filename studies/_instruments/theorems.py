@@ -26,8 +26,9 @@ def picture() -> bytes:
     return to_bytes(figure, ".png")
 
 
-def _limacon(axes: Any, cap: float = 30.0, theta: float = 70.0) -> None:
+def _limacon(axes: Any) -> None:
     """Where the cap of half vectors around N sends light from theta, projected on the surface."""
+    cap, theta = 30.0, 70.0
     phi, half, angle = np.linspace(-np.pi, np.pi, 1001), np.radians(cap), np.radians(theta)
     radius = 2 * np.sin(half) * (np.cos(half) * np.cos(angle) + np.sin(half) * np.sin(angle) * np.cos(phi))
     x, y = radius * np.cos(phi) - np.sin(angle), radius * np.sin(phi)

@@ -38,20 +38,18 @@ class Time(NamedTuple):
     rounds: int
 
 
-def nanoseconds(
-    kernels: Mapping[str, Kernel], evaluations: int, dtype: Any, *, rounds: int, span: tuple[float, float] = (1e-3, 1.0)
-) -> dict[str, Time]:
+def nanoseconds(kernels: Mapping[str, Kernel], evaluations: int, dtype: Any, *, rounds: int) -> dict[str, Time]:
     """The time of one evaluation of each function in `dtype`; slow ones have fewer rounds.
 
-    The values fall evenly through `span` from its upper end. Each function is fused into a loop that adds up its values on
+    The values fall evenly from 1 to a thousandth. Each function is fused into a loop that adds up its values on
     one core, and is compiled beforehand. A round takes the values in four parts, each timed by itself, and each function has
     its turn in it: so what else the machine does falls upon all of them alike, and the fastest run of each part counts.
     What the loop itself takes is included: pass the identity as a kernel to see it.
     """
     blocks = -(-evaluations // (_BLOCK * _UNROLLED * _PARTS))
     part = blocks * _BLOCK * _UNROLLED
-    step = (span[1] - span[0]) / (part * _PARTS)
-    firsts = [jnp.asarray(span[1] - step * (start * part + np.arange(_BLOCK)), dtype) for start in range(_PARTS)]
+    step = (1 - 1e-3) / (part * _PARTS)
+    firsts = [jnp.asarray(1 - step * (start * part + np.arange(_BLOCK)), dtype) for start in range(_PARTS)]
     stride = jnp.asarray(step * _BLOCK, dtype)
     constants = {name: tuple(jnp.asarray(x, dtype) for x in kernel.constants) for name, kernel in kernels.items()}
     programs = {name: _program(kernel.function, blocks) for name, kernel in kernels.items()}
@@ -76,14 +74,14 @@ def nanoseconds(
     }
 
 
-def gain(kernel: Kernel, threads: int, evaluations: int, dtype: Any, *, rounds: int, value: float = 0.5) -> float:
+def gain(kernel: Kernel, threads: int, evaluations: int, dtype: Any, *, rounds: int) -> float:
     """How much more of a function so many threads get done together than one by itself: the most that sharing out can give.
 
     Two cores that are one core's hyperthreads, or that others use, give less than 2.
     """
     blocks = -(-evaluations // (_BLOCK * _UNROLLED))
     program, constants = _program(kernel.function, blocks), tuple(jnp.asarray(x, dtype) for x in kernel.constants)
-    first, stride = jnp.full(_BLOCK, value, dtype), jnp.zeros((), dtype)
+    first, stride = jnp.full(_BLOCK, 0.5, dtype), jnp.zeros((), dtype)
 
     def once(_: int = 0) -> None:
         program(first, stride, constants).block_until_ready()

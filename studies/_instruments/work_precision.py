@@ -26,6 +26,7 @@ from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 BATCH, _MANY = 64, 2**15
 # Budgets after which a peer that compiles nothing is not run a second time.
 _MUCH = 10
+_RUNS = 5
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,8 @@ def single(case: Case) -> Case:
     return dataclasses.replace(case, name=f"{case.name}, float32", brdf=narrow)
 
 
-def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, budget: float = 2.0) -> WorkPrecision:
-    """Run a rule on a case. `repeats`: of the timing; `runs`: with other keys, of a rule with chance in it.
+def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, budget: float = 2.0) -> WorkPrecision:
+    """Run a rule on a case. `repeats`: of the timing; a rule with chance in it runs `_RUNS` times, with other keys.
 
     No more repeats are begun once `budget` seconds are spent, but one always is: `warm_seconds` never holds what the first
     call compiles. A peer that compiles nothing and took ten times the budget is not run again. Errors of the rule pass through.
@@ -125,7 +126,7 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, runs: int = 5, 
         batched = warm
         if not rule.on_host and int(answer.evaluations) < _MANY:
             batched = min(_timed(run, BATCH)[0] for _ in range(3)) / BATCH
-    answers = [answer, *(_timed(program(seed))[1] for seed in range(1, runs if rule.random else 1))]
+    answers = [answer, *(_timed(program(seed))[1] for seed in range(1, _RUNS if rule.random else 1))]
     values = np.array([float(part.value) for part in answers])
     errors = np.abs(values - case.reference) / abs(case.reference)
     middle = int(np.argsort(np.where(np.isnan(errors), np.inf, errors))[len(errors) // 2])

@@ -6,8 +6,6 @@ ours, no reduction to one dimension. SciPy comes with this package; the others w
     for name, peer in PEERS.items():
         if peer.missing() is None:           # else the message that says what to install
             estimate = peer(peer.ladder[2])(brdf, cos_theta, key=key)
-
-A peer whose package is missing raises `PeerMissing` when it is called.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from _instruments.peers.mitsuba_peer import MitsubaSampling
-from _instruments.peers.peer import AbstractPeer, PeerMissing
+from _instruments.peers.peer import AbstractPeer
 from _instruments.peers.quadax_peer import QuadaxCubature, QuadaxNested
 from _instruments.peers.scipy_peer import ScipyCubature, ScipyDblquad, ScipyQuad
 from _instruments.peers.torchquad_peer import TorchquadGauss
@@ -27,4 +25,4 @@ PEERS: MappingProxyType[str, type[AbstractPeer]] = MappingProxyType(
     }
 )
 
-__all__ = ["PEERS", "AbstractPeer", "PeerMissing"]
+__all__ = ["PEERS", "AbstractPeer"]

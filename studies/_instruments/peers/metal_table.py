@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from _instruments import Unheard
-from _instruments.peers.peer import PeerMissing, load, not_installed
+from _instruments.peers.peer import load, not_installed
 
 # exp(-42) = 6e-19: slopes beyond 6.5 m add nothing.
 _LARGEST_SLOPE = 6.5
@@ -144,13 +144,7 @@ def _row(m: float, cosines: Sequence[float]) -> list[float]:
 def scipy_table(
     slopes: Float[np.ndarray, " m"], cosines: Float[np.ndarray, " mu"], processes: int
 ) -> tuple[Float[np.ndarray, "m mu"], float]:
-    """(albedos, seconds) by scipy's `dblquad` in so many processes; starting and compiling them is not in the seconds.
-
-    PeerMissing where numba is not installed.
-    """
-    message = missing()
-    if message is not None:
-        raise PeerMissing(message)
+    """(albedos, seconds) by scipy's `dblquad` in so many processes; starting and compiling them is not in the seconds."""
     row = functools.partial(_row, cosines=[float(mu) for mu in cosines])
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
         with Unheard():

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from _instruments.peers.peer import AbstractPeer, load
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.brdf.readers.mitsuba.runtime import variant
-from brdfcheck.quadrature.rule import Raw, checked_count
+from brdfcheck.quadrature.rule import Raw
 
 _LARGEST_SCALAR = 2**16
 
@@ -23,21 +23,18 @@ _LARGEST_SCALAR = 2**16
 class MitsubaSampling(AbstractPeer):
     """The mean of what Mitsuba's `roughconductor.sample` returns; the error is its standard error.
 
-    For Beckmann and GGX metal with F = 1 and separable Smith masking. `visible=False` samples all normals instead of the
-    visible ones. ValueError for fewer than two samples.
+    For Beckmann and GGX metal with F = 1 and separable Smith masking.
     """
 
     samples: int = eqx.field(static=True)
-    visible: bool = eqx.field(static=True)
     name: ClassVar[str] = "mitsuba"
     package: ClassVar[str] = "mitsuba"
     ladder: ClassVar[tuple[Any, ...]] = (2**6, 2**8, 2**10, 2**12, 2**14, 2**16, 2**18)
     needs: ClassVar[str] = "Beckmann or GGX metal with F = 1 and masking='smith-separable'"
     random: ClassVar[bool] = True
 
-    def __init__(self, samples: int = 2**14, visible: bool = True):
-        self.samples = checked_count(samples, "samples", 2)
-        self.visible = bool(visible)
+    def __init__(self, samples: int = 2**14):
+        self.samples = samples
 
     def applies(self, core: Any, cos_theta: Any) -> bool:
         if isinstance(core, CookTorrance):
@@ -46,7 +43,7 @@ class MitsubaSampling(AbstractPeer):
             plain = isinstance(core, GGX)
         return plain and core.f0 is None and core.masking == "smith-separable"
 
-    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         name, _ = variant()
         mitsuba = load("mitsuba")
         beckmann = isinstance(core, CookTorrance)
@@ -56,7 +53,6 @@ class MitsubaSampling(AbstractPeer):
                 "distribution": "beckmann" if beckmann else "ggx",
                 "alpha": float(core.m if beckmann else core.alpha),
                 "material": "none",
-                "sample_visible": self.visible,
             }
         )
         # Two uniforms a sample, from the key: Mitsuba computes in single precision.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from _instruments.peers.peer import AbstractAdaptivePeer, load, not_installed
+from _instruments.peers.peer import AbstractAdaptivePeer, load
 from brdfcheck.quadrature.rule import NOT_REACHED, OK, Raw, light, on_sphere
 
 # Regions that the cubature may cut the square into.
@@ -68,7 +68,7 @@ class QuadaxNested(AbstractAdaptivePeer):
     needs: ClassVar[str] = "a scalar function f(wi, wo) that JAX can trace"
     compiles: ClassVar[bool] = True
 
-    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         before = _COUNTER.count
         with jax.numpy_dtype_promotion("standard"):
             value, error, status = _nested(core, mu, jnp.asarray(self.tolerance, mu.dtype))
@@ -83,16 +83,10 @@ class QuadaxCubature(AbstractAdaptivePeer):
 
     name: ClassVar[str] = "quadax-cubature"
     package: ClassVar[str] = "quadax"
-    needs: ClassVar[str] = "a function f(wi, wo) that JAX can trace"
+    needs: ClassVar[str] = "a scalar function f(wi, wo) that JAX can trace"
     compiles: ClassVar[bool] = True
 
-    @classmethod
-    def missing(cls) -> str | None:
-        return not_installed("quadax") or (
-            None if hasattr(load("quadax"), "cubegm") else "quadax.cubegm needs a newer quadax: pip install -U quadax"
-        )
-
-    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         with jax.numpy_dtype_promotion("standard"):
             value, error, count, status = _cubature(core, mu, jnp.asarray(self.tolerance, mu.dtype))
         return Raw(value, error, int(count), OK if int(status) == 0 else NOT_REACHED)

@@ -21,7 +21,7 @@ class ScipyQuad(AbstractAdaptivePeer):
     package: ClassVar[str] = "scipy"
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
 
-    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         quad = load("scipy.integrate").quad
         integrand = Integrand(core, mu)
         goal = {"epsabs": self.tolerance, "epsrel": self.tolerance}
@@ -41,7 +41,7 @@ class ScipyDblquad(AbstractAdaptivePeer):
     package: ClassVar[str] = "scipy"
     needs: ClassVar[str] = "a scalar function f(wi, wo)"
 
-    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         dblquad = load("scipy.integrate").dblquad
         integrand = Integrand(core, mu)
 
@@ -70,7 +70,7 @@ class ScipyCubature(AbstractAdaptivePeer):
     def missing(cls) -> str | None:
         return None if hasattr(load("scipy.integrate"), "cubature") else "scipy.integrate.cubature needs SciPy 1.15 or newer"
 
-    def compute(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
         cubature = load("scipy.integrate").cubature
         integrand = Integrand(core, mu)
         goal = {"atol": self.tolerance, "rtol": self.tolerance}

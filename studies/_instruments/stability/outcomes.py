@@ -59,11 +59,11 @@ def production(brdf: Any, cos_theta: Any) -> tuple[Any, Any, Any]:
     return answer.value, answer.error, jnp.ones(answer.value.shape, bool)
 
 
-def of_rule(rule: AbstractRule, seed: int = 0) -> Method:
-    """A rule of the registry as a method; rules with chance in them get the key of that seed."""
+def of_rule(rule: AbstractRule) -> Method:
+    """A rule of the registry as a method; rules with chance in them get one and the same key."""
 
     def method(brdf: Any, cos_theta: Any) -> tuple[Any, Any, Any]:
-        answer = rule(brdf, cos_theta, key=jax.random.key(seed) if rule.random else None)
+        answer = rule(brdf, cos_theta, key=jax.random.key(0) if rule.random else None)
         return answer.value, answer.error, answer.status != NOT_KNOWN
 
     return method

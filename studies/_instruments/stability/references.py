@@ -13,8 +13,7 @@ import numpy as np
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 
-MATRIX = Path(__file__).resolve().parents[2] / "stability.csv"
-"""The references of the studies."""
+_MATRIX = Path(__file__).resolve().parents[2] / "stability.csv"
 # The names of the references, and what builds the lobe from its exponent or slope.
 LOBES: Mapping[str, Callable[[Any], Any]] = {
     "phong": Phong,
@@ -95,15 +94,11 @@ class Reference:
         return self.slopes.get(f"{by}, {np.dtype(dtype).name}", self.slopes[by])
 
 
-def read_references(lobes: Container[str] | None = None, path: Path = MATRIX) -> dict[str, Reference]:
-    """The references of a CSV file, of these lobes or of all: a full grid for each lobe.
-
-    Its columns: lobe, n, cos_theta, albedo, radius, by_logarithm, by_angle, by_angle_float32. ValueError where a lobe's grid
-    has holes.
-    """
+def read_references(lobes: Container[str] | None = None) -> dict[str, Reference]:
+    """The references of these lobes, or of all: a full grid for each lobe."""
     numbers = ("albedo", "radius", "by_logarithm", "by_angle", "by_angle_float32")
     cells: dict[str, dict[tuple[float, float], list[float]]] = {}
-    with open(path, newline="", encoding="utf-8") as source:
+    with open(_MATRIX, newline="", encoding="utf-8") as source:
         for row in (row for row in csv.DictReader(source) if lobes is None or row["lobe"] in lobes):
             place = (float(row["n"]), float(row["cos_theta"]))
             cells.setdefault(row["lobe"], {})[place] = [float(row[name]) for name in numbers]
@@ -111,9 +106,6 @@ def read_references(lobes: Container[str] | None = None, path: Path = MATRIX) ->
     for lobe, values in cells.items():
         parameters = np.array(sorted({n for n, _ in values}))
         cosines = np.array(sorted({mu for _, mu in values}, reverse=True))
-        missing = [(n, mu) for n in parameters for mu in cosines if (n, mu) not in values]
-        if missing:
-            raise ValueError(f"{path}: {lobe} has no albedo at n={missing[0][0]:g}, cos_theta={missing[0][1]:g}")
         grid = np.array([[values[n, mu] for mu in cosines] for n in parameters])
         slopes = {"n": grid[..., 2], "theta": grid[..., 3], "theta, float32": grid[..., 4]}
         found[lobe] = Reference(lobe, parameters, cosines, grid[..., 0], grid[..., 1], slopes)
