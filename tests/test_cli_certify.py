@@ -110,7 +110,7 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["mine.py:quits", "--over", "n=1:2"], "mine.py:quits ends the process while JAX traces it"),
         (["phong", "--over", "m=1"], "phong has no parameter 'm'; its parameters: n"),
         (["--verify", "c.json", "-o", "d.json"], "--verify takes the ranges from the certificate"),
-        (["--verify", "c.json"], "--verify: cannot read 'c.json': No such file"),
+        (["--verify", "c.json"], "there is no file 'c.json'"),
         (["phong", "-o", "c.png"], "--out: must end in .json; got 'c.png'"),
         (["phong", "-o", "no/c.json"], "cannot write 'no/c.json': the folder"),
     ],

@@ -10,6 +10,7 @@ import shutil
 import stat
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +18,21 @@ from selection import few
 from shared import compiled
 
 from brdfcheck import BinomialPower, Factor, Family, Normalized
-from brdfcheck.brdf.factors import Constant, PhongExact, Proportional, RationalFactor
+from brdfcheck.brdf.factors import (
+    AbstractFactor,
+    BlinnPhongExact,
+    Constant,
+    PhongExact,
+    Proportional,
+    RationalFactor,
+    TruncatedPowerExact,
+)
+from brdfcheck.fits.compact import CompactFits
 from brdfcheck.fits.grids import AlbedoGrid, tabulate
 from brdfcheck.fits.surface import AlbedoFit, fit_albedo
-from brdfcheck.output.source import c_snippet, factor_text, glsl_snippet, identifier
+from brdfcheck.output.source import identifier, source_text
 from brdfcheck.output.table_files import KINDS, table_metadata, write_table
+from brdfcheck.output.text import describe
 
 C_COMPILER = shutil.which("cc") or shutil.which("gcc")
 CPP_COMPILER = shutil.which("c++") or shutil.which("g++")
@@ -54,6 +65,11 @@ class Lazy(dict):
 @pytest.fixture(scope="module")
 def exported() -> Lazy:
     return Lazy()
+
+
+def text_of(kind: str, fit: AlbedoFit, factor: AbstractFactor | None = None, **options: Any) -> str:
+    """The text of a fit with a factor, by default its own."""
+    return source_text(kind, CompactFits(fit), factor=factor or fit.factor, **options)
 
 
 def evaluated(compiler: list[str], source: str, folder: Path, points: np.ndarray) -> np.ndarray:
@@ -93,7 +109,7 @@ def test_the_compiled_c_is_the_fit_and_reproduces_the_table(exported, name, tmp_
     points = np.concatenate(
         [nodes(table), [(1e9, 2.0), (-5.0, -1.0), *((p, mu) for p in fit.parameter_range for mu in (0, 1))]]
     )
-    found = evaluated([str(C_COMPILER), "-std=c99"], main_program(c_snippet(fit, name="brdf"), "brdf"), tmp_path, points)
+    found = evaluated([str(C_COMPILER), "-std=c99"], main_program(text_of("c", fit, name="brdf"), "brdf"), tmp_path, points)
     assert_is_fit(found, fit, table, points, rounding=1e-12, of_factor=1e-14)
 
 
@@ -102,7 +118,7 @@ def test_the_compiled_c_is_the_fit_and_reproduces_the_table(exported, name, tmp_
 def test_the_c_is_also_c_plus_plus(exported, tmp_path):
     for name in ("phong", "ggx"):
         fit, _ = exported[name]
-        source = main_program(c_snippet(fit, name="brdf"), "brdf")
+        source = main_program(text_of("c", fit, name="brdf"), "brdf")
         compiled([str(CPP_COMPILER), "-std=c++11", *STRICT], source, tmp_path / "program.cpp", np.empty((0, 2)))
 
 
@@ -112,7 +128,7 @@ def test_a_range_of_one_exponent_leaves_no_unused_variable(tmp_path):
     for name, degree in (("phong", (3, 2)), ("blinn-phong", (2, 0)), ("lyon-1-mirror", (0, 0))):
         fit = fit_albedo(name, n=(5, 5), degree=degree)
         points = np.array([[5.0, mu] for mu in np.linspace(0, 1, 9)])
-        found = evaluated([str(C_COMPILER), "-std=c99"], main_program(c_snippet(fit, name="brdf"), "brdf"), tmp_path, points)
+        found = evaluated([str(C_COMPILER), "-std=c99"], main_program(text_of("c", fit, name="brdf"), "brdf"), tmp_path, points)
         assert np.max(np.abs(found[:, 1] - fit(*points.T))) <= 1e-12
 
 
@@ -120,9 +136,9 @@ def test_a_constant_that_a_float_cannot_hold_is_refused(exported):
     fit, _ = exported["phong"]
     for factor in (Factor(2.0, 2e70), Factor(-2e40, -3.0), Constant(1e-50), RationalFactor([1.0, 1e60], [1.0])):
         with pytest.raises(ValueError, match="cannot be held by a float"):
-            glsl_snippet(fit, factor)
-        assert "_factor(double n)" in c_snippet(fit, factor)
-    assert "/ 2e+30" in glsl_snippet(fit, Factor(0.0, 2e30))
+            text_of("glsl", fit, factor)
+        assert "_factor(double n)" in text_of("c", fit, factor)
+    assert "/2e+30" in text_of("glsl", fit, Factor(0.0, 2e30))
 
 
 # What C lacks of GLSL; with -fsingle-precision-constant its literals are float, as they are there.
@@ -138,7 +154,7 @@ static inline float clamp(float x, float low, float high) { return fminf(fmaxf(x
 @pytest.mark.parametrize("name", few(FITS, FAST))
 def test_the_glsl_in_single_precision_reproduces_the_table(exported, name, tmp_path):
     fit, table = exported[name]
-    text = re.sub(r"^float ", "static float ", glsl_snippet(fit, name="brdf"), flags=re.MULTILINE)
+    text = re.sub(r"^float ", "static float ", text_of("glsl", fit, name="brdf"), flags=re.MULTILINE)
     source = main_program(GLSL_IN_C + text, "brdf")
     compiler = [str(C_COMPILER), "-std=c99", "-fsingle-precision-constant", "-ffp-contract=off"]
     points = np.concatenate([nodes(table), [(1e6, 2.0), (-5.0, -1.0)]])
@@ -152,7 +168,7 @@ def test_the_glsl_is_valid(exported, version, tmp_path):
     calls, texts = [], []
     for name in ("phong", "blinn-phong", "kuijk-blake-half", "phong-classical", "ggx"):
         fit = exported[name][0]
-        texts.append(glsl_snippet(fit))
+        texts.append(text_of("glsl", fit))
         calls += [f"{identifier(name)}_albedo(20.0, 0.5)", *([f"{identifier(name)}_factor(20.0)"] if fit.factor else [])]
     old = "100" in version
     output = "" if old else "layout(location = 0) out vec4 colour;\n"
@@ -169,17 +185,17 @@ def test_the_glsl_is_valid(exported, version, tmp_path):
 
 def test_the_header_says_where_it_comes_from(exported):
     fit, _ = exported["lyon-1-mirror"]
-    text = c_snippet(fit, command="brdfcheck fit lyon-1-mirror --export c out.h")
+    text = text_of("c", fit, command="brdfcheck fit lyon-1-mirror --export c out.h")
     comment = " ".join(line.removeprefix("//").strip() for line in text.splitlines() if line.startswith("//"))
     for words in (
         "lyon-1-mirror", "max(0, 1 - n |R-V|^2/4)^2", "mirror form", "n in [1, 1000]", "cos_theta in [0, 1]", "Within [0, 1]",
-        "wi fixed", "with its factor (n + 0.8831) / 4.537", f"{fit.max_error:.3g}", "brdfcheck 0.",
+        "wi fixed", "with its factor (n + 0.8831)/4.537", f"{fit.max_error:.3g}", "brdfcheck 0.",
         "brdfcheck fit lyon-1-mirror --export c out.h", "no pole", f"{fit.coefficients} coefficients",
     ):  # fmt: skip
         assert words in comment
-    assert text == c_snippet(fit, command="brdfcheck fit lyon-1-mirror --export c out.h")
-    assert "no factor" in c_snippet(exported["ggx"][0]).replace("\n//", "")
-    assert "_factor(" not in c_snippet(exported["ggx"][0])
+    assert text == text_of("c", fit, command="brdfcheck fit lyon-1-mirror --export c out.h")
+    assert "no factor" in text_of("c", exported["ggx"][0]).replace("\n//", "")
+    assert "_factor(" not in text_of("c", exported["ggx"][0])
     assert all(len(line) <= 112 for line in text.splitlines() if line.startswith("//"))
 
 
@@ -187,7 +203,7 @@ def test_the_header_says_where_it_comes_from(exported):
 def test_a_hostile_name_stays_in_its_comment(exported, tmp_path):
     name = "*/ int main??/ \\\nif(1) ünï__code 1\\"
     fit = dataclasses.replace(exported["ggx"][0], name=name, formula="*/ ??/\\", parameter="double")
-    text = c_snippet(fit, command="x\\\n#error y")
+    text = text_of("c", fit, command="x\\\n#error y")
     prefix = identifier(name)
     found = evaluated([str(C_COMPILER), "-std=c99"], main_program(text, prefix), tmp_path, np.array([[0.5, 0.5]]))
     assert found[0, 1] == pytest.approx(float(fit(0.5, 0.5)), abs=1e-14)
@@ -204,21 +220,30 @@ def test_identifiers():
 @pytest.mark.skipif(C_COMPILER is None, reason="no C compiler")
 @pytest.mark.parametrize(
     "factor",
-    [Factor(7.5, 25), Factor(-0.5, 25), Constant(0.25), Proportional(3), RationalFactor([1.0, 2, 3], [4.0, 1]), PhongExact()],
+    [
+        Factor(7.5, 25),
+        Factor(-0.5, 25),
+        Factor(-1e3, -25),
+        Constant(0.25),
+        Proportional(3),
+        RationalFactor([1.0, 2, 3], [4.0, 1]),
+        PhongExact(),
+        BlinnPhongExact(),
+    ],
     ids=lambda factor: type(factor).__name__,
 )
 def test_factors(exported, factor, tmp_path):
     fit = exported["phong"][0]
     n = np.array([0.5, 1, 20, 900.0])
-    source = main_program(c_snippet(fit, factor, name="brdf"), "brdf")
+    source = main_program(text_of("c", fit, factor, name="brdf"), "brdf")
     found = evaluated([str(C_COMPILER), "-std=c99"], source, tmp_path, np.stack([n, 0 * n], axis=1))
     assert found[:, 0] == pytest.approx(np.asarray(factor(n)), rel=1e-14)
-    assert "n" in factor_text(factor) or isinstance(factor, Constant)
+    assert "n" in describe(factor) or isinstance(factor, Constant)
 
 
 def test_a_factor_without_a_formula(exported):
-    with pytest.raises(ValueError, match="no formula for a factor of type function"):
-        c_snippet(exported["phong"][0], lambda n: n)
+    with pytest.raises(ValueError, match="no formula for a factor of type TruncatedPowerExact"):
+        text_of("c", exported["phong"][0], TruncatedPowerExact(2))
 
 
 # --- tables ---
@@ -240,7 +265,7 @@ def test_csv(table, tmp_path):
     assert comments[-1].startswith("# n,0.125,")
     assert np.array_equal([float(word) for word in comments[-1].split(",")[1:]], table.cos_theta)
     assert "# clamp: none: values above 1 are values above 1" in comments
-    assert "# factor: included: (n + 6) / 15" in comments
+    assert "# factor: included: (n + 6)/15" in comments
     assert "# command: the command" in comments
 
 

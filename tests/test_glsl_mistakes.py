@@ -225,7 +225,7 @@ def test_an_unknown_ending_says_which_readers_there_are(spec: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("absent.glsl", "there is no such file"), ("folder.glsl", "is a folder"), ("zeros.glsl", "is not text")],
+    [("absent.glsl", "there is no file"), ("folder.glsl", "is a folder"), ("zeros.glsl", "is not text")],
 )
 def test_files_that_cannot_be_read(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "folder.glsl").mkdir()

@@ -24,7 +24,7 @@ from brdfcheck.fits.compensation import Compensation, averages, compensation, lo
 from brdfcheck.fits.renderer import RendererTable, average_albedo, renderer_table
 from brdfcheck.messages import UsageError
 from brdfcheck.output.renderer_files import KINDS, quantities, renderer_metadata, write_renderer_table
-from brdfcheck.output.source import glsl_snippet, read_back, renderer_snippet
+from brdfcheck.output.source import read_back, source_text
 from brdfcheck.verdict import Verdict
 
 CPP = shutil.which("c++") or shutil.which("g++")
@@ -342,7 +342,7 @@ def test_a_function_with_its_compensation(mine):
     """Of a function neither look-ups nor the written functions exceed 1, though the search may not be sure of it."""
     found = renderer_table("mine.py:facets", {"roughness": (0.5, 1.0)}, size=(3, 3))
     added = compensation(found)
-    text = renderer_snippet("glsl", compact_fits(found, (3, 2), added), "mine")
+    text = source_text("glsl", compact_fits(found, (3, 2), added), "mine")
     for what in (added, read_back(text, "mine", "roughness")):
         report = checked(added.family, what)
         assert report.verdict is not Verdict.VIOLATES
@@ -351,7 +351,7 @@ def test_a_function_with_its_compensation(mine):
 
 def test_the_written_functions_conserve(table, added, fits):
     """As their text is read; without what the albedo is raised by, they exceed 1."""
-    text = renderer_snippet("glsl", fits, "ggx")
+    text = source_text("glsl", fits, "ggx")
     written = read_back(text, "ggx", "roughness")
     at = np.random.default_rng(3).random((50, 2))
     assert written(*at.T) == pytest.approx(fits.compensation(*at.T), abs=1e-6)
@@ -360,7 +360,7 @@ def test_the_written_functions_conserve(table, added, fits):
     assert report.error < 1e-6
     assert "the albedo of the sum is at most 1" in " ".join(text.lower().replace("//", " ").split())
     bare = replace(fits, compensation=replace(fits.compensation, raised=0.0, margin=0.0))
-    report = checked(added.family, read_back(renderer_snippet("glsl", bare, "ggx"), "ggx", "roughness"))
+    report = checked(added.family, read_back(source_text("glsl", bare, "ggx"), "ggx", "roughness"))
     assert report.verdict is Verdict.VIOLATES
     assert report.albedo > 1.001
     assert 0 < fits.compensation.loss < 0.3
@@ -374,10 +374,10 @@ def test_what_is_written_stays_between_0_and_1_where_all_albedos_do(fits):
     surface = replace(fits.albedo.surface, numerator=1.01 * fits.albedo.surface.numerator)
     high = replace(fits.albedo, surface=surface)
     assert np.max(high(p, mu)) == 1 < np.max(replace(high, clamped=False)(p, mu))
-    text = glsl_snippet(high)
+    text = source_text("glsl", CompactFits(high))
     assert "return clamp(value, 0.0, 1.0);" in text
     assert "Within [0, 1]" in text
-    assert "clamp(value" not in glsl_snippet(replace(high, clamped=False))
+    assert "clamp(value" not in source_text("glsl", CompactFits(replace(high, clamped=False)))
     violating = renderer_table("blinn-phong-8", {"n": (8.0, 10.0)}, size=(2, 2))
     assert not compact_fits(violating, (2, 1)).albedo.clamped
 
@@ -519,7 +519,7 @@ static float sqrt(float x) { return std::sqrt(x); }
 @COMPILER
 @pytest.mark.parametrize("kind", ["glsl", "hlsl", "h"])
 def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tmp_path):
-    text = renderer_snippet(kind, fits, "ggx", facts=["a fact"], command="the command")
+    text = source_text(kind, fits, "ggx", facts=["a fact"], command="the command")
     assert text.startswith("// a fact\n")
     assert "the command" in text
     pair = "double s, b; ggx_dfg(p, mu, &s, &b);"
@@ -547,7 +547,7 @@ def test_the_functions_compile_and_are_as_near_as_they_say(table, fits, kind, tm
     assert max(errors[1:]) <= fits.split_sum_error + rounding
     assert fits.albedo.max_error < 0.02
     assert fits.split_sum_error < 0.05
-    p = np.linspace(*fits.average.bounds, 50)
+    p = np.linspace(*fits.average.parameter_range, 50)
     assert np.max(np.abs(fits.average(p) - average_albedo(table.sources.family, p)[0])) <= 1.02 * fits.average.max_error
 
 

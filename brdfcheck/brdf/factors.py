@@ -50,6 +50,10 @@ class AbstractFactor(eqx.Module):
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         """The factor at the exponents `n`, same shape."""
 
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str | None:
+        """The factor as an expression of C and GLSL in `n`; `show` writes numbers. None where it is longer than that."""
+        return None
+
 
 @final
 class Factor(AbstractFactor):
@@ -74,6 +78,10 @@ class Factor(AbstractFactor):
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + self.A) / self.B
 
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str:
+        a, b = float(self.A), float(self.B)
+        return f"({show(-a)} - {n})/{show(-b)}" if b < 0 else f"({n} {'-' if a < 0 else '+'} {show(abs(a))})/{show(b)}"
+
 
 @final
 class Constant(AbstractFactor):
@@ -87,6 +95,9 @@ class Constant(AbstractFactor):
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return jnp.broadcast_to(self.value, jnp.shape(n))
 
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str:
+        return show(float(self.value))
+
 
 @final
 class Proportional(AbstractFactor):
@@ -99,6 +110,9 @@ class Proportional(AbstractFactor):
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return n / self.B
+
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str:
+        return f"{n}/{show(float(self.B))}"
 
 
 @final
@@ -122,6 +136,15 @@ class RationalFactor(AbstractFactor):
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return _horner(self.numerator, n) / _horner(self.denominator, n)
 
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str:
+        def series(coefficients: list[float]) -> str:
+            text = show(coefficients[-1])
+            for value in coefficients[-2::-1]:
+                text = f"{show(value)} + {n} * ({text})"
+            return text
+
+        return f"({series(self.numerator.tolist())})/({series(self.denominator.tolist())})"
+
 
 def _horner(coefficients: Array, n: Array) -> Array:
     # The powers are the last axis, whatever a batch of factors puts before it.
@@ -138,6 +161,9 @@ class PhongExact(AbstractFactor):
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + 2) / (2 * np.pi)
 
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str:
+        return f"({n} + {show(2)})/{show(2 * np.pi)}"
+
 
 @final
 class BlinnPhongExact(AbstractFactor):
@@ -145,6 +171,9 @@ class BlinnPhongExact(AbstractFactor):
 
     def __call__(self, n: Float[Array, "..."]) -> Float[Array, "..."]:
         return (n + 2) * (n + 4) / (8 * np.pi * (jnp.exp2(-n / 2) + n))
+
+    def formula(self, show: Callable[[float], str], n: str = "n") -> str:
+        return f"({n} + {show(2)}) * ({n} + {show(4)})/({show(8 * np.pi)} * (exp2({show(-0.5)} * {n}) + {n}))"
 
 
 def _checked_form(form: str) -> Form:

@@ -20,6 +20,7 @@ import typer
 
 from brdfcheck import __version__
 from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.cli import words
 from brdfcheck.messages import UsageError, one_line
 
@@ -194,14 +195,23 @@ def command(name: str, *, epilog: str) -> Callable[[Callable[..., int]], Callabl
 
 
 @contextlib.contextmanager
-def asked(place: str = "") -> Iterator[None]:
-    """A ValueError within it, which says what is wrong with what was asked, becomes a UsageError that starts with `place`."""
+def asked(place: str = "", brdf: str = "") -> Iterator[None]:
+    """A ValueError within it, which says what is wrong with what was asked, becomes a UsageError that starts with `place`.
+
+    So does whatever the code of a `brdf` in a file raises.
+    """
     try:
         yield
     except UsageError:
         raise
     except ValueError as error:
         raise UsageError(f"{place}{one_line(error)}") from error
+    except (Exception, SystemExit) as error:
+        if not is_file_spec(brdf):
+            raise
+        from brdfcheck.brdf.blame import told
+
+        raise UsageError(f"{brdf}: cannot be evaluated: {told(error)}") from error
 
 
 def start() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from typing import Annotated, Any
 
 import typer
@@ -12,7 +10,8 @@ from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
 from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, asked, command, start
 from brdfcheck.cli.output import Output
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.folders import readable
+from brdfcheck.messages import UsageError
 
 
 @command(
@@ -94,7 +93,7 @@ def _certify(
     from brdfcheck.proof.cover import NotProved
 
     certificate, trouble = None, None
-    with contextlib.redirect_stdout(sys.stderr), asked():
+    with asked():
         try:
             certificate = certify(name, seconds=seconds, cos_theta=cos_theta, reading=how, **words.together(over))
         except NotProved as error:
@@ -114,12 +113,9 @@ def _verified(path: str, name: str | None, how: Any) -> int:
     start()
     from brdfcheck.proof.verify import Rejected, read, verify
 
-    try:
-        with open(path, encoding="utf-8") as file:
-            text = file.read()
-    except (OSError, ValueError) as error:
-        raise UsageError(f"--verify: cannot read {one_line(path)!r}: {getattr(error, 'strerror', None) or error}") from None
-    with contextlib.redirect_stdout(sys.stderr), asked():
+    with readable(path, "a certificate", pipes=True), open(path, encoding="utf-8") as file:
+        text = file.read()
+    with asked():
         try:
             certificate, trouble = read(text), None
             verify(certificate, name, how)

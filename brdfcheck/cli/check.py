@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
-import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -151,21 +148,20 @@ def check_command(
         config=None if gate is None else gate.path.name,
         **how.record,
     )
-    began = time.perf_counter()
+    output = Output(json, quiet=quiet)
     verdicts = Verdicts(not no_cache and (gate is None or gate.document.cache))
-    with contextlib.redirect_stdout(sys.stderr):
-        known = [verdicts.found(request) for request in requests]
-        if None in known:  # JAX takes a second, which verdicts that are known do not need
-            start()
-        cases = [
-            case
-            for request, found in zip(requests, known, strict=True)
-            for case in (cases_of(request, modules, others_go_on=True) if found is None else found)
-        ]
-        if None in known:
-            start()  # a user's file may have changed the precision
+    known = [verdicts.found(request) for request in requests]
+    if None in known:  # JAX takes a second, which verdicts that are known do not need
+        start()
+    cases = [
+        case
+        for request, found in zip(requests, known, strict=True)
+        for case in (cases_of(request, modules, others_go_on=True) if found is None else found)
+    ]
+    if None in known:
+        start()  # a user's file may have changed the precision
     changed = gate if update_baseline else None
-    return _run(cases, settings, Output(json, quiet=quiet), began, files, quiet=quiet, verdicts=verdicts, gate=changed)
+    return _run(cases, settings, output, files, quiet=quiet, verdicts=verdicts, gate=changed)
 
 
 @command(
@@ -190,7 +186,7 @@ def _audit(
 ) -> int:
     """What the literature claims about its BRDFs, and what is measured."""
     files = Files(json=json, html=html)
-    began = time.perf_counter()
+    output = Output(json)
     start()
     from brdfcheck.brdf import catalog
     from brdfcheck.brdf.subject import Target
@@ -199,7 +195,7 @@ def _audit(
     options: Any = {"tolerance": tolerance, "rtol": rtol, "effort": effort or "normal"}
     cases = [Case(Request((name,), **options), name, None, None, name, Target(catalog.entry(name).family)) for name in names]
     settings = _settings(substring, tolerance, rtol, effort, jobs)
-    return _run(cases, settings, Output(json), began, files, audit=True)
+    return _run(cases, settings, output, files, audit=True)
 
 
 def _settings(
@@ -224,7 +220,6 @@ def _run(
     cases: Sequence[Case],
     settings: dict[str, Any],
     output: Output,
-    began: float,
     files: Files,
     *,
     audit: bool = False,
@@ -260,10 +255,9 @@ def _run(
     if not (output.is_terminal or quiet or lost):
         output.line(console.tolerance_line(settings["tolerance"]))
     expected = [case.request.expect for case in cases]
-    with contextlib.redirect_stdout(sys.stderr):
-        # What is accepted from now on is known only once all are evaluated.
-        told_at_once = (lambda index, report: line(report, expected[index])) if gate is None else (lambda index, report: None)
-        found = _evaluate(cases, settings["jobs"], output, verdicts, told_at_once)
+    # What is accepted from now on is known only once all are evaluated.
+    told_at_once = (lambda index, report: line(report, expected[index])) if gate is None else (lambda index, report: None)
+    found = _evaluate(cases, settings["jobs"], output, verdicts, told_at_once)
     if gate is not None and not lost:
         expected = project.update(gate, cases, found, output)
         for report, expect in zip(found, expected, strict=True):
@@ -280,7 +274,7 @@ def _run(
     elif not output.is_terminal:
         for text in console.remark_lines(told):
             output.line(text)
-    seconds, counts = time.perf_counter() - began, records.count(reports)
+    seconds, counts = output.seconds, records.count(reports)
     code = ExitCode.FAILED if counts["failed"] and not audit else ExitCode.PASSED
     code = ExitCode.USAGE_ERROR if counts["unread"] else code
     if told:
@@ -294,8 +288,7 @@ def _run(
                 file, line_ = case.request.place if report.passed else case.place
                 kind, text = ("warning", report.notes[-1]) if report.passed else ("error", message(report))
                 output.line(records.github_error(f"brdfcheck: {report.name}", text, file=file, line=line_, kind=kind))
-    with contextlib.redirect_stdout(sys.stderr):  # a user's code may print while it is drawn
-        files.write(output, cases, reports, jobs=settings["jobs"], seconds=seconds, exit_code=code, claims=claims or None)
+    files.write(output, cases, reports, jobs=settings["jobs"], seconds=seconds, exit_code=code, claims=claims or None)
     pairs = list(zip(cases, reports, strict=True))
     summary = {**counts, "seconds": seconds, "exit_code": int(code)}
     output.write_json(

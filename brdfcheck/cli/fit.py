@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import shlex
-import sys
-import time
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -126,7 +122,6 @@ def _refuse(export: tuple[Kind, str], json: str | None) -> None:
 
 
 def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output, export: tuple[Kind, str] | None) -> int:
-    began = time.perf_counter()
     start()
     from brdfcheck.fits.factor import fit_factor
     from brdfcheck.fits.ladder import factor_ladder
@@ -134,33 +129,32 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
     from brdfcheck.output import text as console
 
     name, n = settings["name"], settings["n"]
-    with contextlib.redirect_stdout(sys.stderr):
-        target = _target(name, n, settings["over"], how)
-        start()  # a user's file may have changed the precision
-        text = f"fitting {name} over n={n.low:g}:{n.high:g}; about 30 s for a plain Python function"
-        try:
-            with output.waiting(text) as show, asked():
-                fit = fit_factor(target.family, n, settings["objective"], sampling=settings["sampling"])
-                show("climbing the ladder of factors" if ladder else "writing down the fit")
-                rungs = factor_ladder(target.family, n) if ladder else ()
-                content = _exported(export[0], fit) if export is not None else None
-        except UsageError:
+    target = _target(name, n, settings["over"], how)
+    start()  # a user's file may have changed the precision
+    text = f"fitting {name} over n={n.low:g}:{n.high:g}; about 30 s for a plain Python function"
+    try:
+        with output.waiting(text) as show, asked():
+            fit = fit_factor(target.family, n, settings["objective"], sampling=settings["sampling"])
+            show("climbing the ladder of factors" if ladder else "writing down the fit")
+            rungs = factor_ladder(target.family, n) if ladder else ()
+            content = _exported(export[0], fit) if export is not None else None
+    except UsageError:
+        raise
+    except (Exception, SystemExit) as error:
+        if target.file is None:
             raise
-        except (Exception, SystemExit) as error:
-            if target.file is None:
-                raise
-            output.line(f"{name}  cannot be fitted: {type(error).__name__}: {one_line(error)}")
-            return ExitCode.FAILED
+        output.line(f"{name}  cannot be fitted: {type(error).__name__}: {one_line(error)}")
+        return ExitCode.FAILED
     for line in (*console.fit_lines(fit), *console.ladder_lines(rungs)):
         output.line(line)
     if export is not None:
         with asked():
-            output.line(_write(export, content, fit, _command(settings, how), output))
+            output.line(_write(export, content, fit, output))
     code = ExitCode.PASSED if fit.report.passed else ExitCode.FAILED
     result = records.fit_object(fit)
     if rungs:
         result["ladder"] = [vars(rung) | {"factor": records.factor_object(rung.factor), "lost": rung.lost} for rung in rungs]
-    summary = {"seconds": time.perf_counter() - began, "exit_code": int(code)}
+    summary = {"seconds": output.seconds, "exit_code": int(code)}
     output.write_json(lambda: records.document("fit", [result], settings=settings, summary=summary))
     return code
 
@@ -178,17 +172,6 @@ def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Inter
     return target
 
 
-def _command(settings: Mapping[str, Any], how: Reading) -> str:
-    """The command that makes the same export."""
-    low, high = map(words.written, settings["n"])
-    line = ["brdfcheck", "fit", settings["name"], "--n", f"{low}:{high}", "--objective", settings["objective"]]
-    if settings["objective"] != "minimax":
-        line += ["--sampling", settings["sampling"]]
-    for key, (value, _) in settings["over"].items():
-        line += ["--over", f"{key}={words.written(value)}"]
-    return shlex.join(line + how.command)
-
-
 def _exported(kind: str, fit: FactorFit) -> Any:
     """What is exported: a small rational function for source text, a grid for tables."""
     from brdfcheck.fits.grids import tabulate
@@ -199,19 +182,19 @@ def _exported(kind: str, fit: FactorFit) -> Any:
     return dataclasses.replace(content, factor=fit.factor, factored=True)
 
 
-def _write(export: tuple[Kind, str], content: Any, fit: FactorFit, command: str, output: Output) -> str:
+def _write(export: tuple[Kind, str], content: Any, fit: FactorFit, output: Output) -> str:
     """Write the export, and say what was written."""
-    from brdfcheck.output.source import c_snippet, glsl_snippet
+    from brdfcheck.fits.compact import CompactFits
+    from brdfcheck.output.source import source_text
     from brdfcheck.output.table_files import write_table
 
     kind, path = export
     if kind in _SOURCE:
-        snippet = glsl_snippet if kind == "glsl" else c_snippet
-        output.save(path, snippet(content, fit.factor, command=command), "--export")
+        output.save(path, source_text(kind, CompactFits(content), factor=fit.factor, command=output.command), "--export")
         what = f"the factor; the albedo by {content.coefficients} coefficients, within {content.max_error:.2g}"
         return f"  exported  {'stdout' if path == '-' else path}: {what}"
     with refused("--export", path):
-        write_table(path, content, kind, command=command)
+        write_table(path, content, kind, command=output.command)
     rows, columns = content.values.shape
     what = f"the albedo of {rows} exponents by {columns} cosines, error bar at most {content.errors.max():.2g}"
     return f"  exported  {path}: {what}"

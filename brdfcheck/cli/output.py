@@ -6,27 +6,43 @@ import contextlib
 import io
 import math
 import os
+import shlex
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, TextIO
 
 from brdfcheck.interruption import Cleanup
 from brdfcheck.messages import UsageError, one_line
 
+_given: ContextVar[tuple[TextIO, str]] = ContextVar("_given")
+
+
+@contextlib.contextmanager
+def results_alone(arguments: Sequence[str]) -> Iterator[None]:
+    """Within it, while the command with these arguments runs, stdout is for `Output`: what is printed goes to stderr."""
+    before = _given.set((sys.stdout, shlex.join(["brdfcheck", *arguments])))
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _given.reset(before)
+
 
 class Output:
     """Where results go: a table for a person, plain lines for a file or a pipe, JSON alone on stdout for ``--json -``.
 
     `json`: what ``--json`` says. `alone`: stdout is for something else, so that the lines for a person go to stderr. `quiet`:
-    how far the work is is not told.
+    how far the work is is not told. `command`: the command line, as it was given.
     """
 
     def __init__(self, json: str | None = None, *, alone: bool = False, quiet: bool = False):
-        self._stdout, self._json, self._quiet = sys.stdout, json, quiet
-        self.human: TextIO = sys.stderr if alone or json == "-" else sys.stdout
+        self._stdout, self.command = _given.get((sys.stdout, ""))
+        self._json, self._quiet, self._began = json, quiet, time.perf_counter()
+        self.human: TextIO = sys.stderr if alone or json == "-" else self._stdout
         self.is_terminal = self.human.isatty()
         self._console: Any = None
 
@@ -38,6 +54,11 @@ class Output:
 
             self._console = Console(file=self.human, markup=False, highlight=False, emoji=False, soft_wrap=False)
         return self._console
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been there."""
+        return time.perf_counter() - self._began
 
     def line(self, text: str = "") -> None:
         """One line for a person or for grep."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -144,14 +142,13 @@ def _plot(
     values = None if n is None else n.values
     settings = _Settings(kind, names, ranges, values, cos_theta, scale, y, samples, title, target, how)
     told = Output(json)
-    with contextlib.redirect_stdout(sys.stderr):
-        curves = _curves(settings, told)
-        from brdfcheck import plots
-        from brdfcheck.output import records
+    curves = _curves(settings, told)
+    from brdfcheck import plots
+    from brdfcheck.output import records
 
-        with asked():
-            figure = plots.figure(kind, curves, scale=scale, limits=y, title=title)
-            image = None if target is None else plots.to_bytes(figure, Path(target).suffix.lower())
+    with asked():
+        figure = plots.figure(kind, curves, scale=scale, limits=y, title=title)
+        image = None if target is None else plots.to_bytes(figure, Path(target).suffix.lower())
     for curve in curves:
         told.line(_line(curve))
     if target is not None and image is not None:
@@ -319,18 +316,11 @@ def _asked(job: Callable[[], Curve], name: str, settings: _Settings) -> Curve:
     """The curve; what is wrong with a BRDF, or with what was asked of it, in one line."""
     from brdfcheck.brdf.callables import Finding
 
-    try:
-        with asked():
-            try:
-                curve = job()
-            except Finding as finding:
-                raise UsageError(f"{name}: {one_line(finding)}") from finding
-    except UsageError:
-        raise
-    except (Exception, SystemExit) as error:
-        if not name.endswith(".py") and ":" not in name:
-            raise
-        raise UsageError(f"{name}: cannot be evaluated: {type(error).__name__}: {one_line(error)}") from error
+    with asked(brdf=name):
+        try:
+            curve = job()
+        except Finding as finding:
+            raise UsageError(f"{name}: {one_line(finding)}") from finding
     if settings.kind != "heatmap" and all(value == "NaN" for value in curve["albedo"]):
         raise UsageError(f"{name}: its albedo is not a number anywhere: there is nothing to plot")
     return curve

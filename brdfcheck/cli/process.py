@@ -16,7 +16,7 @@ import typer
 # Importing a command's module adds it to the app.
 from brdfcheck.cli import budget, certify, check, fit, init, listing, plot, render, study, sweep, table, view
 from brdfcheck.cli.app import ExitCode, NothingToCheck, Task, app
-from brdfcheck.cli.output import discard, open_streams, unfailing
+from brdfcheck.cli.output import discard, open_streams, results_alone, unfailing
 from brdfcheck.interruption import leave
 from brdfcheck.messages import SweepError, UsageError, one_line
 
@@ -36,7 +36,7 @@ def run(arguments: Sequence[str]) -> int:
             if not isinstance(task, Task):  # --help and --version have said what they have to say
                 return task
             debug = debug or task.debug
-            with _told(debug):
+            with results_alone(arguments), _told(debug):
                 return int(task.work())
         except BaseException as error:
             return _ended(error, debug)

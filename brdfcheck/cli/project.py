@@ -102,8 +102,7 @@ def filtered(requests: Sequence[Request], substring: str, modules: dict[str, Any
         every = request.names
         if substring and modules is not None and any(name.endswith(":*") for name in every):
             start()
-            with contextlib.redirect_stdout(sys.stderr):
-                every = tuple(part for name in every for part in _spread(name, modules))
+            every = tuple(part for name in every for part in _spread(name, modules))
         kept = (name for name in every if substring.lower() in name.lower() or name.endswith(":*"))
         names = tuple(dict.fromkeys(kept))
         if names:

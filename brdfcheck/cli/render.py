@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -177,7 +175,6 @@ def _of_brdf(
     output: Output,
 ) -> Any:
     """A picture of one BRDF. UsageError where it is not known, or cannot be called."""
-    from brdfcheck.brdf.blame import told
     from brdfcheck.brdf.family import NoRange
     from brdfcheck.scene.functions import brdf_of
     from brdfcheck.scene.presets import OF_ONE, render_brdf
@@ -190,7 +187,7 @@ def _of_brdf(
     side = _side(size) or 256
     values = {parameter: low for parameter, (low, _) in held.items()}
     try:
-        with contextlib.redirect_stdout(sys.stderr), asked():
+        with asked(brdf=name):
             shown = brdf_of(name, values, how, furnace=kind == "furnace")
             start()  # a user's file may have changed the precision
             label = ", ".join((name, *(f"{parameter} = {value:g}" for parameter, value in values.items())))
@@ -198,12 +195,6 @@ def _of_brdf(
                 return render_brdf(kind, shown, label, side, quality)
     except NoRange as error:
         raise UsageError(f"{error}: {' '.join(f'--set {parameter}=VALUE' for parameter in error.names)}") from None
-    except UsageError:
-        raise
-    except (Exception, SystemExit) as error:
-        if not is_file_spec(name):
-            raise
-        raise UsageError(f"{name}: cannot be evaluated: {told(error)}") from error
 
 
 def _side(size: words.Size | None) -> int | None:

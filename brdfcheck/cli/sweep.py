@@ -84,28 +84,27 @@ def _sweep(
     output = Output(None)
     from brdfcheck.sweep import Plan, estimate, fill
 
-    with contextlib.redirect_stdout(sys.stderr):
-        try:
-            plan = Plan(settings)
-            start()  # a user's file may have changed the precision
-            for line in _description(plan):
-                output.line(line)
-            if dry_run:
-                guess = estimate(plan, out)
-                output.line(f"memory    {_bytes(guess.memory)} of results at a time")
-                if guess.found:
-                    output.line(f"found     {guess.found} of {plan.chunks} chunks are in {out}")
-                compiling = f", {_time(guess.compiling)} of it compiling" if guess.compiling >= 1 else ""
-                output.line(f"estimate  {_time(guess.seconds)} on this machine{compiling} (measured on a few cells)")
-                return ExitCode.PASSED
-            assert out is not None
-            with Cleanup(lambda: say(_KEPT)), _progress(output, plan) as progress:
-                summary = fill(plan, out, scheduler=scheduler, repair=repair, progress=progress)
-        except KeyboardInterrupt:
-            if not dry_run:
-                with contextlib.suppress(OSError, ValueError):
-                    print(_KEPT, file=sys.stderr)
-            raise
+    try:
+        plan = Plan(settings)
+        start()  # a user's file may have changed the precision
+        for line in _description(plan):
+            output.line(line)
+        if dry_run:
+            guess = estimate(plan, out)
+            output.line(f"memory    {_bytes(guess.memory)} of results at a time")
+            if guess.found:
+                output.line(f"found     {guess.found} of {plan.chunks} chunks are in {out}")
+            compiling = f", {_time(guess.compiling)} of it compiling" if guess.compiling >= 1 else ""
+            output.line(f"estimate  {_time(guess.seconds)} on this machine{compiling} (measured on a few cells)")
+            return ExitCode.PASSED
+        assert out is not None
+        with Cleanup(lambda: say(_KEPT)), _progress(output, plan) as progress:
+            summary = fill(plan, out, scheduler=scheduler, repair=repair, progress=progress)
+    except KeyboardInterrupt:
+        if not dry_run:
+            with contextlib.suppress(OSError, ValueError):
+                print(_KEPT, file=sys.stderr)
+        raise
     rate = f", {summary.cells / summary.seconds:.3g} cells/s" if summary.cells else ""
     before = f", {summary.found} were there" if summary.found else ""
     numbers = plan.cells * (plan.channels or 1)

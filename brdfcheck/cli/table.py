@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import shlex
-import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -143,7 +139,6 @@ def _kind(path: str) -> str:
 
 
 def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bool, output: Output) -> int:
-    began = time.perf_counter()
     start()
     from brdfcheck.brdf.callables import Finding
     from brdfcheck.fits.compact import compact_fits
@@ -152,13 +147,13 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
     from brdfcheck.fits.renderer import renderer_table
     from brdfcheck.output import records
     from brdfcheck.output.renderer_files import renderer_metadata, texture_of, write_renderer_table
-    from brdfcheck.output.source import read_back, renderer_snippet
+    from brdfcheck.output.source import read_back, source_text
     from brdfcheck.verdict import words as verdict_words
 
     kinds = [_kind(path) for path in paths]
     rows, columns = settings["size"]
     added, fits, reports, facts = None, None, {}, []
-    with contextlib.redirect_stdout(sys.stderr), output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
+    with output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
         try:
             table = renderer_table(
                 settings["name"],
@@ -187,13 +182,12 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
                     reports["look-ups"] = checked(added.family, added)
                 if fits is not None:
                     name = table.sources.family.name
-                    written = read_back(renderer_snippet("glsl", fits, name), name, table.grid.parameter)
+                    written = read_back(source_text("glsl", fits, name), name, table.grid.parameter)
                     reports["functions"] = checked(added.family, written)
         except Finding as finding:
             output.line(f"{settings['name']}  cannot be evaluated: {one_line(finding)}")
             return ExitCode.FAILED
-    line = _command(settings, how, paths, verify)
-    metadata = renderer_metadata(table, added, None if fits is None else fits.compensation, reports, command=line)
+    metadata = renderer_metadata(table, added, None if fits is None else fits.compensation, reports, command=output.command)
     verdicts = {report.verdict.name for report in reports.values()}
     refuted = "VIOLATES" in verdicts
     for path, kind in zip(paths, kinds, strict=True) if not refuted else ():
@@ -202,7 +196,7 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
             if "functions" in reports:
                 facts.append(f"Checked: {verdict_words.message(reports['functions'])}.")
             with asked():
-                text = renderer_snippet(kind, fits, table.sources.family.name, facts=facts, command=line)
+                text = source_text(kind, fits, table.sources.family.name, facts=facts, command=output.command)
             output.save(path, text, "-o")
         else:
             with refused("-o", path), asked():
@@ -212,26 +206,11 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
     for path in paths:
         output.line(f"  {'not written' if refuted else 'wrote':<12} {path}")
     code = ExitCode.PASSED if verdicts <= {"CONSERVES"} else ExitCode.FAILED
-    summary = {"seconds": time.perf_counter() - began, "exit_code": int(code)}
+    summary = {"seconds": output.seconds, "exit_code": int(code)}
     found = {name: records.to_json_object(report) for name, report in reports.items()}
     result = {**metadata, "files": [] if refuted else paths, "check": found or None}
     output.write_json(lambda: records.document("table", [result], settings=settings, summary=summary))
     return code
-
-
-def _command(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bool) -> str:
-    """The command that makes the same files."""
-    line = ["brdfcheck", "table", settings["name"]]
-    for key, (low, high) in settings["over"].items():
-        line += ["--over", f"{key}={words.written(low)}" + (f":{words.written(high)}" if high > low else "")]
-    line += ["--size", "x".join(map(str, settings["size"])), "--nodes", settings["nodes"]]
-    line += ["--texture", settings["texture"]] if settings["texture"] else []
-    line += ["--compensation"] if settings["compensation"] else []
-    line += ["--check"] if verify else []
-    if settings["cos_theta"]:
-        line += ["--cos-theta", ":".join(map(words.written, settings["cos_theta"]))]
-    line += ["--rtol", words.written(settings["rtol"])] if settings["rtol"] else []
-    return shlex.join([*line, *how.command, *(word for path in paths for word in ("-o", path))])
 
 
 def _lines(table: Any, added: Any, fits: Any, reports: Mapping[str, Any]) -> list[str]:

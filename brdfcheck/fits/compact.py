@@ -2,52 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
 
 from brdfcheck.fits.compensation import SMALLEST, Compensation
 from brdfcheck.fits.grids import Sampler
-from brdfcheck.fits.rational import RationalSurface, best_surface, lower_bound, rounded
+from brdfcheck.fits.rational import rounded
 from brdfcheck.fits.renderer import RendererTable, average_albedo
-from brdfcheck.fits.surface import AlbedoFit, bounded, fit_albedo, fit_share, lobatto, within_one
+from brdfcheck.fits.surface import AlbedoFit, fit_albedo, fit_row, fit_share
 from brdfcheck.numerics import averaging
-from brdfcheck.runtime import double_precision
 
-# By whether a cell is dear: values that are fitted, and those that the fit is measured on.
-_SIZES = ((33, 129), (9, 17))
-# Degrees of numerator and denominator of the average.
-_DEGREE = (4, 2)
 # Panels, and Gauss nodes in each, of an average of fitted values, which have an edge where they reach 1.
 _PANELS, _NODES = 64, 3
 # What a fit's error may be larger by between the points where it was measured, and what a program in float32 rounds.
 _BETWEEN, _SINGLE = 1.02, 1e-5
-
-
-@dataclass(frozen=True)
-class AverageFit:
-    """The average albedo as a rational function of v = (x - centre) scale, with x = 1/sqrt(parameter + 1) where `root`.
-
-    `max_error`: the largest error on `checked` values of the range, with the bar of the average.
-    """
-
-    parameter: str
-    bounds: tuple[float, float]
-    root: bool
-    centre: float
-    scale: float
-    surface: RationalSurface
-    max_error: float
-    checked: int
-    clamped: bool = False
-
-    def __call__(self, parameter: Float[ArrayLike, "..."]) -> np.ndarray:
-        """The average albedo; arguments outside of the range are moved to its ends."""
-        x = np.clip(np.asarray(parameter, float), *self.bounds)
-        v = ((1 / np.sqrt(x + 1) if self.root else x) - self.centre) * self.scale
-        return bounded(self.surface(np.zeros_like(v), v), self.clamped)
 
 
 @dataclass(frozen=True)
@@ -59,7 +28,7 @@ class CompensationFit:
     """
 
     albedo: AlbedoFit
-    lost: AverageFit
+    lost: AlbedoFit
     raised: float
     margin: float
     loss: float = 0.0
@@ -81,9 +50,9 @@ class CompactFits:
     """
 
     albedo: AlbedoFit
-    white: AlbedoFit | None
-    share: AlbedoFit | None
-    average: AverageFit | None
+    white: AlbedoFit | None = None
+    share: AlbedoFit | None = None
+    average: AlbedoFit | None = None
     compensation: CompensationFit | None = None
 
     @property
@@ -107,40 +76,11 @@ def compact_fits(
         white = None if found.white is found.family else fit_albedo(found.white, degree=degree)
     average = None
     if table.average is not None:
-        family = found.family
-        with double_precision():
-            sizes = _SIZES[Sampler(family, None).albedo.effort > 1]
-            average = _fit_average(table, lambda values: average_albedo(family, values), sizes)
+        cheap = Sampler(found.family, None).albedo.fast
+        average = fit_row(found.family, lambda parameters: average_albedo(found.family, parameters), cheap=cheap)
     albedo = fit_albedo(found.family, degree=degree)
     added = None if compensation is None else _fit_compensation(table, albedo, compensation)
     return CompactFits(albedo, white, share, average, added)
-
-
-def _fit_average(
-    table: RendererTable, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], sizes: tuple[int, int]
-) -> AverageFit:
-    """The fit of a function of the parameter, which gives values and bars."""
-    family, parameter = table.sources.family, table.sources.parameter
-    low, high = family.ranges[parameter]
-    root = low >= 0 and high > 10
-    with double_precision():
-        few, many = (2, 1) if low == high else sizes  # a constant is p / q: two coefficients
-        t = lobatto(few), np.linspace(0, 1, many)
-        # Evenly in what the fit is a function of.
-        ends = [1 / np.sqrt(end + 1) if root else end for end in (low, high)]
-        x = ends[0] + (ends[1] - ends[0]) * np.concatenate(t)
-        p = np.clip(1 / x**2 - 1 if root else x, low, high)
-        order = np.argsort(p)
-        values, bars = (part[np.argsort(order)] for part in function(p[order]))
-        centre, scale = rounded(sum(ends) / 2), rounded(2 / abs(ends[1] - ends[0])) if low < high else 1.0
-        v = (x - centre) * scale
-        degree = _DEGREE if low < high else (0, 0)
-        surface = best_surface(np.zeros(few), v[:few], values[:few], degree).surface
-        if lower_bound(surface.denominator) <= 0:
-            surface = best_surface(np.zeros(few), v[:few], values[:few], (sum(degree), 0)).surface
-    fit = AverageFit(parameter, (low, high), root, centre, scale, surface, 0.0, many, within_one(values, bars))
-    error = float(np.max(np.abs(fit(p[few:]) - values[few:]) + bars[few:]))
-    return replace(fit, max_error=error)
 
 
 def _fit_compensation(table: RendererTable, albedo: AlbedoFit, compensation: Compensation) -> CompensationFit:
@@ -152,7 +92,7 @@ def _fit_compensation(table: RendererTable, albedo: AlbedoFit, compensation: Com
     def lost(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _lost(albedo, raised, parameters), np.zeros(len(parameters))
 
-    average = _fit_average(table, lost, _SIZES[0])
+    average = fit_row(table.sources.family, lost, cheap=True)
     fit = CompensationFit(albedo, average, raised, rounded(_BETWEEN * average.max_error + _SINGLE))
     return replace(fit, loss=compensation.cover.loss(fit))
 

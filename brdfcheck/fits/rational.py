@@ -87,9 +87,9 @@ def horner(coefficients: Float[np.ndarray, "i j"], u: np.ndarray, v: np.ndarray)
     return value
 
 
-def powers(degree: int, flat_u: bool) -> list[tuple[int, int]]:
-    """The exponents (i, j) of a polynomial of that total degree; in v alone where u does not vary."""
-    return [(i, j) for i in range(1 if flat_u else degree + 1) for j in range(degree + 1 - i)]
+def powers(degree: int, varies: tuple[bool, bool] = (True, True)) -> list[tuple[int, int]]:
+    """The exponents (i, j) of a polynomial of that total degree, in those of u and v that vary."""
+    return [(i, j) for i in range(degree * varies[0] + 1) for j in range((degree - i) * varies[1] + 1)]
 
 
 def best_surface(
@@ -105,8 +105,8 @@ def best_surface(
     `start`: one of the same degrees on fewer of the points, which saves most of the work. Raises ValueError where there are
     fewer points than coefficients or a value is not finite.
     """
-    flat = bool(np.all(u == u[0]))
-    up, down = powers(degree[0], flat), powers(degree[1], flat)
+    varies = bool(np.any(u != u[0])), bool(np.any(v != v[0]))
+    up, down = powers(degree[0], varies), powers(degree[1], varies)
     if len(values) < len(up) + len(down):
         raise ValueError(f"{len(up) + len(down) - 1} coefficients need at least as many points; got {len(values)}")
     if not np.all(np.isfinite(values)):

@@ -30,6 +30,8 @@ from brdfcheck.runtime import double_precision
 
 DEGREES = ((4, 3), (5, 2))
 """Total degrees of numerator and denominator that are tried where no degree is given."""
+ROW_DEGREES = ((4, 2),)
+"""The same of a function of one variable."""
 
 # By `PointwiseAlbedo.effort`: exponents and cosines of the grid that is fitted, and of the finer one along each axis.
 _GRIDS = (((33, 29), 129), ((25, 25), 65), ((11, 11), 13), ((11, 11), 13))
@@ -128,7 +130,7 @@ class AlbedoFit:
     checked: tuple[int, int]
     clamped: bool = False
 
-    def __call__(self, parameter: Float[ArrayLike, "..."], cos_theta: Float[ArrayLike, "..."]) -> np.ndarray:
+    def __call__(self, parameter: Float[ArrayLike, "..."], cos_theta: Float[ArrayLike, "..."] = 1.0) -> np.ndarray:
         """The albedo at parameters and cosines of incidence that broadcast together."""
         p = np.clip(np.asarray(parameter, float), *self.parameter_range)
         mu = np.clip(np.asarray(cos_theta, float), *self.cos_range)
@@ -188,6 +190,21 @@ def fit_share(family: Family, part: Family, degree: tuple[int, int] | None = Non
         return _Problem(family, Share).fit(DEGREES if degree is None else (degree,))
 
 
+def fit_row(family: Family, row: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], *, cheap: bool = False) -> AlbedoFit:
+    """A function of the parameter of `family` alone, such as its average albedo, as `fit_albedo` fits one of two variables.
+
+    `row`: gives values and errors (points,). `cheap`: many of them may be asked for. Raises as `fit_albedo` does.
+    """
+
+    class Row(Sampler):
+        def __call__(self, parameter: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            value, error = (np.repeat(part[:, None], len(mu), axis=1) for part in row(parameter))
+            return value, error
+
+    with double_precision():
+        return _Problem(replace(family, cos_theta=(1.0, 1.0)), Row, 0 if cheap else None).fit(ROW_DEGREES)
+
+
 def _is_degree(degree: Any) -> bool:
     if not isinstance(degree, (tuple, list)) or len(degree) != 2:
         return False
@@ -197,9 +214,10 @@ def _is_degree(degree: Any) -> bool:
 class _Problem:
     """The samples of one family: those that are fitted and those that the fit is measured on."""
 
-    def __init__(self, family: Family, sampler: Callable[[Family, float | None], Sampler] = Sampler):
+    def __init__(self, family: Family, sampler: Callable[[Family, float | None], Sampler] = Sampler, effort: int | None = None):
         self.sample = sampler(family, None)
-        effort, self.fast = self.sample.albedo.effort, self.sample.albedo.fast
+        self.fast = self.sample.albedo.fast or effort is not None
+        effort = self.sample.albedo.effort if effort is None else effort
         if effort > 0:  # a fit is good to 1e-4 at best: where accuracy costs time, little of it is asked for
             self.sample = sampler(family, 1e-6)
         self.family = family
@@ -241,10 +259,12 @@ class _Problem:
             kinds = [(kind, 0.0, layer) for kind in ("itself", "square") for layer in layers]
         else:
             kinds = [("itself", 0.0, "none")]
+        if self.mu.size == 1:  # a layer would be the parameter in disguise
+            kinds = [kind for kind in kinds if kind[2] == "none"]
         return [_scaled(Variables(*kind), self.sample.range, self.family.cos_theta) for kind in kinds]
 
     def fit(self, degrees: tuple[tuple[int, int], ...]) -> AlbedoFit:
-        """The best of all variables and `degrees`, with its error. ValueError where no approximation was found."""
+        """The best of all variables and `degrees`, with its error."""
         # All trials on a quarter of the points, the most promising ones on all.
         few = 2 if self.values.size > _FEW else 1
         trials = []
@@ -258,8 +278,8 @@ class _Problem:
             found = self._approximation(variables, degree, 1, trial)
             if (best is None or found.error < best[0]) and lower_bound(found.surface.denominator) > 0:
                 best = found.error, variables, found.surface, degree
-        if best is None:
-            raise ValueError(f"no rational function without a pole was found for {self.family.name}")
+        if best is None:  # all of them have poles, which polynomials have not
+            return self.fit(tuple((up + down, 0) for up, down in degrees))
         return self._measured(*best[1:])
 
     def _approximation(

@@ -35,7 +35,7 @@ SWITCH = "BRDFCHECK_VERDICTS"
 FORMAT = 1
 # Packages whose version a verdict may depend on, and variables that begin so.
 _PACKAGES = (
-    "jax", "jaxlib", "numpy", "scipy", "equinox", "jaxtyping", "optimistix", "lineax", "pcpp", "python-flint", "MaterialX",
+    "jax", "jaxlib", "numpy", "scipy", "equinox", "jaxtyping", "optimistix", "lineax", "pcpp", "MaterialX",
 )  # fmt: skip
 _VARIABLES = ("JAX_", "XLA_", "CUDA_VISIBLE_DEVICES", "JAXTYPING_", "EQX_")
 # What tests may change in JAX, as it is for everybody else.

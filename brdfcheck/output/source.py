@@ -1,14 +1,14 @@
-"""A factor and the fit of an albedo as source text: C99 in double precision, GLSL and HLSL in float.
+"""A factor and the fits of albedos as source text: C99 in double precision, GLSL and HLSL in float.
 
-A snippet is complete in itself: functions and a header that says where the numbers come from. Arguments outside the
-fitted ranges are moved to their ends, so that nothing extrapolates. No date: the same fit gives the same bytes.
+A text is complete in itself: functions, and comments that say where the numbers come from. Arguments outside the fitted
+ranges are moved to their ends, so that nothing extrapolates. No date: the same fit gives the same bytes.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,16 +16,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.factors import BlinnPhongExact, Constant, Factor, PhongExact, Proportional, RationalFactor
+from brdfcheck.brdf.factors import AbstractFactor
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.glsl.shader import Made, ShaderFile
-from brdfcheck.fits.compact import AverageFit, CompactFits, CompensationFit
+from brdfcheck.fits.compact import CompactFits, CompensationFit
 from brdfcheck.fits.compensation import SMALLEST
 from brdfcheck.fits.rational import rows
 from brdfcheck.fits.surface import AlbedoFit
 from brdfcheck.messages import one_line
 from brdfcheck.numerics import averaging
 from brdfcheck.output import records
+from brdfcheck.output.text import describe
 
 # What a parameter may be called in both languages, whatever the locals are.
 _PLAIN_PARAMETERS = {"n", "m", "alpha", "roughness", "reflectance"}
@@ -36,13 +37,26 @@ _PANELS, _NODES, _PIECE = 48, 4, 256
 
 @dataclass(frozen=True)
 class _Language:
+    """`pair`: the type of two numbers; C has none, and its functions are ``static inline``."""
+
     real: str
-    function: str
-    clamp: Callable[[str, str, str], str]
-    exp2: str
-    logarithm: str
-    preamble: str
+    pair: str
     limits: tuple[float, float]
+
+    @property
+    def is_c(self) -> bool:
+        return not self.pair
+
+    def function(self, words: str, name: str, arguments: Sequence[str], lines: Sequence[str], *, kind: str = "") -> str:
+        """A function of real `arguments`, by default to a real, under a comment of `words`."""
+        signature = ", ".join(f"{self.real} {argument}" for argument in arguments)
+        body = "".join(f"    {line};\n" for line in lines)
+        start = f"{'static inline ' * self.is_c}{kind or self.real} {name}"
+        return f"{''.join(comment(words))}{start}({signature}) {{\n{body}}}\n\n"
+
+    def clamp(self, value: str, low: str, high: str) -> str:
+        in_c = f"{value} < {low} ? {low} : {value} > {high} ? {high} : {value}"
+        return in_c if self.is_c else f"clamp({value}, {low}, {high})"
 
     def number(self, value: float) -> str:
         """A literal of the language. ValueError where its type cannot hold the value: infinite there, or 0."""
@@ -52,33 +66,46 @@ class _Language:
         return number(value)
 
 
-def _c_clamp(value: str, low: str, high: str) -> str:
-    return f"{value} < {low} ? {low} : {value} > {high} ? {high} : {value}"
-
-
 # Smallest normal and largest number of single precision.
 _FLOAT = (2.0**-126, (2 - 2.0**-23) * 2.0**127)
-_C = _Language("double", "static inline double", _c_clamp, "exp2", "log", "#include <math.h>\n\n", (0.0, math.inf))
-_GLSL = _Language("float", "float", lambda value, low, high: f"clamp({value}, {low}, {high})", "exp2", "log", "", _FLOAT)
-# Of HLSL these functions differ in nothing but the word for two floats.
-LANGUAGES = {"glsl": _GLSL, "hlsl": _GLSL, "h": _C}
-"""The languages of `renderer_snippet`, by the endings of their files."""
+_C = _Language("double", "", (0.0, math.inf))
+LANGUAGES = {"glsl": _Language("float", "vec2", _FLOAT), "hlsl": _Language("float", "float2", _FLOAT), "c": _C, "h": _C}
+"""The languages of `source_text`: GLSL for any version, ES too, and C99, which is C++ as well."""
 
 
-def c_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, command: str | None = None) -> str:
-    """C99 (and C++) text: ``double NAME_factor(double n)`` in 1/sr and ``double NAME_albedo(double n, double cos_theta)``.
+def source_text(
+    kind: str,
+    fits: CompactFits,
+    name: str | None = None,
+    *,
+    factor: AbstractFactor | None = None,
+    facts: Sequence[str] | None = None,
+    command: str | None = None,
+) -> str:
+    """Text in one of the `LANGUAGES`: NAME_albedo of the parameter and cos theta, and what else there is.
 
-    `factor`: what NAME_factor is, by default the fit's own; without any there is no such function. `name`: the first part of
-    the names, by default the family's, made an identifier. `command`: the command line that made it, for the header. The
-    functions are ``static inline``; NaN stays NaN. Raises ValueError for a factor that has no formula here, or a number that
-    the language's type cannot hold.
+    NAME_factor, where a `factor` is given, in 1/sr; as far as there are fits NAME_average, NAME_dfg (scale and bias of the
+    split sum) and NAME_compensation (the BRDF of Kulla and Conty). NaN stays NaN. `name`: by default that of the fit, made an
+    identifier. `facts`: lines about the target for the header, by default its formula. `command`: the command line that made
+    it. Raises ValueError for a factor that has no formula, or a number that the language's type cannot hold.
     """
-    return _snippet(_C, fit, factor, name, command)
-
-
-def glsl_snippet(fit: AlbedoFit, factor: Any = None, name: str | None = None, *, command: str | None = None) -> str:
-    """GLSL text for any version, ES too: the same functions as `c_snippet`, with float for double. Raises as it does."""
-    return _snippet(_GLSL, fit, factor, name, command)
+    language, albedo = LANGUAGES[kind], fits.albedo
+    prefix = identifier(albedo.name if name is None else name)
+    if facts is None:
+        facts = [f"{albedo.name}: {albedo.formula or 'no formula known'}" + (f", {albedo.form} form" if albedo.form else "")]
+    p, c = albedo.parameter_range, albedo.cos_range
+    header = [
+        *facts,
+        f"Fitted for {albedo.parameter} in [{p[0]:g}, {p[1]:g}] and cos_theta in [{c[0]:g}, {c[1]:g}]; arguments outside are"
+        " moved to these ends.",
+        f"Made by: {command or 'brdfcheck.output.source.source_text'}",
+        f"Versions: {', '.join(f'{package} {version}' for package, version in records.versions().items())}",
+    ]
+    parts = [line for text in header for line in comment(text)]
+    parts.append("#include <math.h>\n\n" if language.is_c else "\n")
+    if factor is not None:
+        parts.append(_factor(language, albedo, factor, f"{prefix}_factor"))
+    return "".join([*parts, *_functions(language, fits, prefix)]).rstrip("\n") + "\n"
 
 
 def identifier(name: str) -> str:
@@ -87,140 +114,103 @@ def identifier(name: str) -> str:
     return plain if plain and not plain[0].isdigit() and not plain.startswith("gl_") else f"brdf_{plain}".rstrip("_")
 
 
-def factor_text(factor: Any) -> str:
-    """The factor as a formula of n for people. ValueError where it has none here."""
-    return _factor_formula(factor, "n", "exp2", lambda value: f"{value:.9g}")
+def _word(parameter: str) -> str:
+    return parameter if parameter in _PLAIN_PARAMETERS else "parameter"
 
 
-def _snippet(language: _Language, fit: AlbedoFit, factor: Any, name: str | None, command: str | None) -> str:
-    prefix = identifier(fit.name if name is None else name)
-    if factor is None and fit.factor is not None and _has_formula(fit.factor):
-        factor = fit.factor
-    parameter = fit.parameter if fit.parameter in _PLAIN_PARAMETERS else "parameter"
-    parts = [_header(language, fit, factor, prefix, command), language.preamble]
-    low, high = (number(bound) for bound in fit.parameter_range)
-    clamped = f"    {parameter} = {language.clamp(parameter, low, high)};\n"
-    if factor is not None:
-        formula = _factor_formula(factor, parameter, language.exp2, language.number)
-        signature = f"{language.function} {prefix}_factor({language.real} {parameter})"
-        parts.append(f"{signature} {{\n{clamped}    return {formula};\n}}\n\n")
-    parts.append(_albedo_function(language, fit, f"{prefix}_albedo"))
-    return "".join(parts)
+def _factor(language: _Language, fit: AlbedoFit, factor: AbstractFactor, name: str) -> str:
+    word = _word(fit.parameter)
+    formula = factor.formula(language.number, word)
+    if formula is None:
+        raise ValueError(f"no formula for a factor of type {type(factor).__name__}")
+    lines = [_within(language, word, fit.parameter_range), f"return {formula}"]
+    return language.function("What the lobe is multiplied by, in 1/sr.", name, [word], lines)
 
 
-def _albedo_function(language: _Language, fit: AlbedoFit, name: str) -> str:
-    """The function `name` of the parameter and cos_theta."""
-    parameter = fit.parameter if fit.parameter in _PLAIN_PARAMETERS else "parameter"
-    bounds = (number(bound) for bound in fit.parameter_range)
-    cosines = (number(bound) for bound in fit.cos_range)
-    parts = [
-        f"{language.function} {name}({language.real} {parameter}, {language.real} cos_theta) {{\n",
-        f"    {parameter} = {language.clamp(parameter, *bounds)};\n",
-        f"    cos_theta = {language.clamp('cos_theta', *cosines)};\n",
-    ]
-    numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
-    used = set(re.findall(r"\b[uv]\b", numerator + denominator))
-    parts += [f"    {language.real} {line};\n" for line in _variables(language, fit, parameter, used)]
-    return "".join(parts) + _quotient(language, numerator, denominator, fit)
-
-
-def _quotient(language: _Language, numerator: str, denominator: str, fit: AlbedoFit | AverageFit) -> str:
-    """The end of a function whose value is p / q, or that within [0, 1]; a denominator of one coefficient is 1."""
-    text, value = f"    {language.real} p = {numerator};\n", "p"
-    if fit.surface.denominator.size > 1:
-        text, value = text + f"    {language.real} q = {denominator};\n", "p / q"
-    if fit.clamped:
-        text, value = text + f"    {language.real} value = {value};\n", language.clamp("value", "0.0", "1.0")
-    return text + f"    return {value};\n}}\n"
-
-
-def renderer_snippet(kind: str, fits: CompactFits, name: str, *, facts: Sequence[str] = (), command: str | None = None) -> str:
-    """Text in one of the `LANGUAGES`: NAME_albedo, and as far as there are fits NAME_average, NAME_dfg and NAME_compensation.
-
-    NAME_dfg gives scale and bias of the split sum; NAME_compensation is the BRDF of Kulla and Conty.
-    `facts`: lines about the target for the header. Raises ValueError where a float cannot hold a constant.
-    """
-    language, prefix = LANGUAGES[kind], identifier(name)
-    real, pair = language.real, {"glsl": "vec2", "hlsl": "float2", "h": "void"}[kind]
-    albedo, share, average = fits.albedo, fits.share, fits.average
-    white = fits.white or albedo
-    parameter = albedo.parameter if albedo.parameter in _PLAIN_PARAMETERS else "parameter"
-    p, c = albedo.parameter_range, albedo.cos_range
-
-    def told(fit: AlbedoFit) -> str:
-        return f"off by at most {fit.max_error:.2g} on {fit.checked[0]} x {fit.checked[1]} points and around the worst"
-
-    def clamped(fit: AlbedoFit) -> str:
-        return "Within [0, 1], as all values are." if fit.clamped else "Not clamped: albedos that were seen exceed 1."
-
-    header = [
-        *facts,
-        f"Fitted for {albedo.parameter} in [{p[0]:g}, {p[1]:g}] and cos_theta in [{c[0]:g}, {c[1]:g}]; arguments outside are"
-        " moved to these ends. Errors include the bars of the quadrature. No denominator has a zero.",
-        f"Made by: {command or 'brdfcheck.output.source.renderer_snippet'}",
-        f"Versions: {', '.join(f'{package} {version}' for package, version in records.versions().items())}",
-    ]
-    parts = [line for text in header for line in comment(text)] + [language.preamble, "\n" if not language.preamble else ""]
-
-    def function(words: str, text: str) -> None:
-        parts.extend(comment(words))
-        parts.append(text + "\n")
-
-    function(
-        f"Directional albedo E, {told(albedo)}. {clamped(albedo)}",
-        _albedo_function(language, albedo, f"{prefix}_albedo"),
-    )
+def _functions(language: _Language, fits: CompactFits, prefix: str) -> Iterator[str]:
+    """The functions of all fits that there are."""
+    albedo, white, share, average = fits.albedo, fits.white or fits.albedo, fits.share, fits.average
+    own = "no factor"
+    if albedo.factored:
+        own = "with its factor" + ("" if albedo.factor is None else f" {describe(albedo.factor, 9)}")
+    what = "Directional albedo E = integral of f(wi, wo) (N.wo) over all wo, wi fixed, cos_theta = N.wi"
+    yield _fitted(language, albedo, f"{prefix}_albedo", f"{what}; {own}")
     if average is not None:
-        words = f"Average albedo 2 int E(mu) mu dmu, off by at most {average.max_error:.2g} on {average.checked} points."
-        function(words, _average_function(language, average, f"{prefix}_average", parameter))
+        yield _fitted(language, average, f"{prefix}_average", "Average albedo 2 int E(mu) mu dmu", angle=False)
     if share is not None:
         if fits.white is not None:
-            function(f"Albedo with F = 1, {told(white)}.", _albedo_function(language, white, f"{prefix}_white"))
-        function(
-            f"Share of the bias in the albedo with F = 1, {told(share)}.", _albedo_function(language, share, f"{prefix}_share")
-        )
-        e = f"{prefix}_{'albedo' if fits.white is None else 'white'}({parameter}, cos_theta)"
-        s = f"{prefix}_share({parameter}, cos_theta)"
-        arguments = f"{real} {parameter}, {real} cos_theta"
+            yield _fitted(language, white, f"{prefix}_white", "Albedo with F = 1")
+        yield _fitted(language, share, f"{prefix}_share", "Share of the bias in the albedo with F = 1")
+        arguments = [_word(albedo.parameter), "cos_theta"]
+        called = f"({', '.join(arguments)})"
+        lines = [f"{language.real} e = {prefix}_{'albedo' if fits.white is None else 'white'}{called}"]
+        lines.append(f"{language.real} b = e * {prefix}_share{called}")
+        if language.is_c:
+            arguments += ["*scale", "*bias"]
+            lines += ["*scale = e - b", "*bias = b"]
+        else:
+            lines.append(f"return {language.pair}(e - b, b)")
         words = "Split sum: with Schlick's Fresnel term the albedo is F0 scale + bias, both"
         words += f" off by at most {fits.split_sum_error:.2g}."
-        if kind == "h":
-            text = f"static inline void {prefix}_dfg({arguments}, double *scale, double *bias) {{\n"
-            text += f"    double e = {e};\n    *bias = e * {s};\n    *scale = e - *bias;\n}}\n"
-        else:
-            text = f"{pair} {prefix}_dfg({arguments}) {{\n    float e = {e};\n    float b = e * {s};\n"
-            text += f"    return {pair}(e - b, b);\n}}\n"
-        function(words, text)
+        yield language.function(words, f"{prefix}_dfg", arguments, lines, kind=language.pair or "void")
     if fits.compensation is not None:
-        _compensation_functions(language, fits.compensation, prefix, parameter, function)
-    return "".join(parts).rstrip("\n") + "\n"
+        yield from _compensation(language, fits.compensation, prefix)
 
 
-def _compensation_functions(
-    language: _Language, fit: CompensationFit, prefix: str, parameter: str, function: Callable[[str, str], None]
-) -> None:
+def _fitted(language: _Language, fit: AlbedoFit, name: str, what: str, *, angle: bool = True) -> str:
+    """A function that was fitted, of the parameter and, with an `angle`, cos theta; all about it in its comment."""
+    x, y = fit.variables.describe(fit.parameter)
+    points, of = (f"{fit.checked[0]} x {fit.checked[1]}", f"x = {x} and y = {y}") if angle else (fit.checked[0], f"x = {x}")
+    bounds = "Within [0, 1], as all values that were seen." if fit.clamped else "Not clamped: values that were seen exceed 1."
+    places = list(fit.where.items())[: 1 + angle]
+    relative = f"; relative to the value at most {fit.relative_error:.2g}" if fit.relative_error < 1 else ""
+    words = (
+        f"{what}. {bounds} Off by at most {fit.max_error:.3g} (rms {fit.rms_error:.2g}) on {points} points and around the worst"
+        f" one, at {', '.join(f'{key} = {value:.6g}' for key, value in places)}; the bar of the quadrature,"
+        f" {fit.table_error:.1g}, is included{relative}."
+        f" Rational function of {of}, scaled to [-1, 1]: {fit.coefficients} coefficients, {fit.flops} flops; the denominator is"
+        f" proven to be >= {fit.denominator_bound:.3g} everywhere: no pole."
+    )
+    word = _word(fit.parameter)
+    lines = [_within(language, word, fit.parameter_range)]
+    if angle:
+        lines.append(_within(language, "cos_theta", fit.cos_range))
+    numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
+    used = set(re.findall(r"\b[uv]\b", numerator + denominator))
+    lines += [f"{language.real} {line}" for line in _variables(fit, word, used)]
+    lines.append(f"{language.real} p = {numerator}")
+    value = "p"
+    if fit.surface.denominator.size > 1:  # one coefficient is 1
+        lines.append(f"{language.real} q = {denominator}")
+        value = "p / q"
+    if fit.clamped:
+        lines.append(f"{language.real} value = {value}")
+        value = language.clamp("value", "0.0", "1.0")
+    return language.function(words, name, [word, "cos_theta"] if angle else [word], [*lines, f"return {value}"])
+
+
+def _within(language: _Language, argument: str, bounds: tuple[float, float]) -> str:
+    return f"{argument} = {language.clamp(argument, *map(number, bounds))}"
+
+
+def _compensation(language: _Language, fit: CompensationFit, prefix: str) -> Iterator[str]:
     """NAME_lost and NAME_compensation."""
-    real, low = language.real, fit.albedo.parameter_range[0]
-    raised = number(fit.raised)
-    function(
-        f"Average of what is lost where the albedo counts as {fit.raised:.2g} above its function, off by at most"
-        f" {fit.lost.max_error:.2g} on {fit.lost.checked} points.",
-        _average_function(language, fit.lost, f"{prefix}_lost", parameter),
-    )
-    lines = [f"if ({parameter} < {number(low)}) {{ return 0.0; }}"]
+    real, word, low, raised = language.real, _word(fit.albedo.parameter), fit.albedo.parameter_range[0], number(fit.raised)
+    lost = f"Average of what is lost where the albedo counts as {fit.raised:.2g} above its function"
+    yield _fitted(language, fit.lost, f"{prefix}_lost", lost, angle=False)
+    lines = []
     for side in ("i", "o"):
-        lines.append(f"{real} lost_{side} = 1.0 - {raised} - {prefix}_albedo({parameter}, cos_{side});")
-        lines.append(f"lost_{side} = {language.clamp(f'lost_{side}', '0.0', '1.0')};")
-    lines.append(f"{real} average = {prefix}_lost({parameter}) + {number(fit.margin)};")
-    lines.append(f"average = {language.clamp('average', number(SMALLEST), '1.0')};")
-    lines.append(f"return lost_i * lost_o / ({number(math.pi)} * average);")
-    body = "".join(f"    {line}\n" for line in lines)
-    function(
+        lines.append(f"{real} lost_{side} = 1.0 - {raised} - {prefix}_albedo({word}, cos_{side})")
+        lines.append(f"lost_{side} = {language.clamp(f'lost_{side}', '0.0', '1.0')}")
+    lines.append(f"{real} average = {prefix}_lost({word}) + {number(fit.margin)}")
+    lines.append(f"average = {language.clamp('average', number(SMALLEST), '1.0')}")
+    lines.append(f"return {word} < {number(low)} ? 0.0 : lost_i * lost_o / ({number(math.pi)} * average)")
+    words = (
         f"Multiple scattering (Kulla and Conty 2017) in 1/sr: add it to the BRDF. The albedo of the sum is at most 1, for all"
-        f" errors of the functions are on that side; it loses at most {fit.loss:.2g}. Nothing is added below {parameter} ="
-        f" {low:g}. For F < 1 multiply it by Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea = {prefix}_average.",
-        f"{language.function} {prefix}_compensation({real} {parameter}, {real} cos_i, {real} cos_o) {{\n{body}}}\n",
+        f" errors of the functions are on that side; it loses at most {fit.loss:.2g}. Nothing is added below {word} ="
+        f" {low:g}. For F < 1 multiply it by Fa^2 Ea / (1 - Fa (1 - Ea)), Fa the mean of F, Ea = {prefix}_average."
     )
+    yield language.function(words, f"{prefix}_compensation", [word, "cos_i", "cos_o"], lines)
 
 
 def read_back(text: str, name: str, parameter: str) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -228,7 +218,7 @@ def read_back(text: str, name: str, parameter: str) -> Callable[[np.ndarray, np.
 
     The text is read by what reads shaders of users, in double precision, and integrated over the light that leaves.
     """
-    given = parameter if parameter in _PLAIN_PARAMETERS else "parameter"
+    given = _word(parameter)
     function = f"{identifier(name)}_compensation"
     asked = f"float asked(vec3 L, vec3 V, float {given}) {{ return {function}({given}, L.z, V.z); }}\n"
     made = Made(f"{text}\n{asked}", (), function)
@@ -253,22 +243,12 @@ def read_back(text: str, name: str, parameter: str) -> Callable[[np.ndarray, np.
     return everywhere
 
 
-def _average_function(language: _Language, fit: AverageFit, name: str, parameter: str) -> str:
-    numerator, denominator = (_polynomial(rows(part)) for part in (fit.surface.numerator, fit.surface.denominator))
-    x = f"1.0 / sqrt({parameter} + 1.0)" if fit.root else parameter
-    lines = f"{language.function} {name}({language.real} {parameter}) {{\n"
-    lines += f"    {parameter} = {language.clamp(parameter, *(number(bound) for bound in fit.bounds))};\n"
-    if re.search(r"\bv\b", numerator + denominator):
-        lines += f"    {language.real} v = ({_minus(x, fit.centre)}) * {number(fit.scale)};\n"
-    return lines + _quotient(language, numerator, denominator, fit)
-
-
-def _variables(language: _Language, fit: AlbedoFit, parameter: str, used: set[str]) -> list[str]:
+def _variables(fit: AlbedoFit, parameter: str, used: set[str]) -> list[str]:
     """The lines that make u and v, as far as the polynomials use them: a compiler may refuse what is never used."""
     v = fit.variables
     x = {
         "reciprocal-root": f"1.0 / sqrt({parameter} + {number(v.shift)})",
-        "logarithm": f"{language.logarithm}(1.0 + {parameter})",
+        "logarithm": f"log(1.0 + {parameter})",
         "square": f"{parameter} * {parameter}",
     }.get(v.kind, parameter)
     s = "x" if v.kind == "reciprocal-root" else parameter
@@ -309,75 +289,6 @@ def _polynomial(table: list[list[float]]) -> str:
     for line in inner[-2::-1]:
         text = f"{line}\n        + u * ({text})"
     return text
-
-
-def _factor_formula(factor: Any, n: str, exp2: str, show: Callable[[float], str]) -> str:
-    if isinstance(factor, PhongExact):
-        return f"({n} + {show(2.0)}) / {show(2 * math.pi)}"
-    if isinstance(factor, BlinnPhongExact):
-        return f"({n} + {show(2.0)}) * ({n} + {show(4.0)}) / ({show(8 * math.pi)} * ({exp2}({show(-0.5)} * {n}) + {n}))"
-    if isinstance(factor, Constant):
-        return show(float(factor.value))
-    if isinstance(factor, Proportional):
-        return f"{n} / {show(float(factor.B))}"
-    if isinstance(factor, RationalFactor):
-        return " / ".join(f"({_power_series(np.asarray(part), n, show)})" for part in (factor.numerator, factor.denominator))
-    if isinstance(factor, Factor) or (hasattr(factor, "A") and hasattr(factor, "B")):
-        A, B = float(factor.A), float(factor.B)
-        return f"({n} {'-' if A < 0 else '+'} {show(abs(A))}) / {show(B)}"
-    raise ValueError(f"no formula for a factor of type {type(factor).__name__}; give one with numbers A and B")
-
-
-def _power_series(coefficients: np.ndarray, n: str, show: Callable[[float], str]) -> str:
-    text = show(float(coefficients[-1]))
-    for value in coefficients[-2::-1]:
-        text = f"{show(float(value))} + {n} * ({text})"
-    return text
-
-
-def _header(language: _Language, fit: AlbedoFit, factor: Any, prefix: str, command: str | None) -> str:
-    x, y = fit.variables.describe(fit.parameter)
-    p, c = fit.parameter_range, fit.cos_range
-    own = "no factor"
-    if fit.factored:
-        own = "with its factor"
-        if fit.factor is not None:
-            own += f" {factor_text(fit.factor) if _has_formula(fit.factor) else type(fit.factor).__name__}"
-    versions = ", ".join(f"{package} {version}" for package, version in records.versions().items())
-    lines = [
-        f"{fit.name}: {fit.formula or 'no formula known'}" + (f", {fit.form} form" if fit.form else ""),
-        f"Fitted for {fit.parameter} in [{p[0]:g}, {p[1]:g}] and cos_theta in [{c[0]:g}, {c[1]:g}];"
-        " arguments outside are moved to these ends.",
-        "",
-        *([f"{prefix}_factor: what the lobe is multiplied by, in 1/sr."] if factor is not None else []),
-        f"{prefix}_albedo: directional albedo E = integral of f(wi, wo) (N.wo) over all wo, wi fixed, cos_theta = N.wi;"
-        f" {own}. "
-        + (
-            "Within [0, 1], as all albedos that were seen." if fit.clamped else "Not clamped: it exceeds 1 where the BRDF does."
-        ),
-        f"Largest error seen: {fit.max_error:.3g} (rms {fit.rms_error:.2g}) on {fit.checked[0]} x {fit.checked[1]} points and"
-        f" around the worst one, at {', '.join(f'{key} = {value:.6g}' for key, value in fit.where.items())};"
-        f" the bar of the quadrature, {fit.table_error:.1g}, is included."
-        f" Relative to the albedo at most {fit.relative_error:.2g}, where the albedo is small.",
-        f"Rational function of x = {x} and y = {y}, scaled to [-1, 1]: {fit.coefficients} coefficients, {fit.flops} flops."
-        f" The denominator is proven to be >= {fit.denominator_bound:.3g} on the whole square: no pole.",
-        f"Made by: {command or _call(fit)}",
-        f"Versions: {versions}",
-    ]
-    return "".join(line for text in lines for line in comment(text))
-
-
-def _call(fit: AlbedoFit) -> str:
-    low, high = fit.parameter_range
-    return f"brdfcheck.fits.surface.fit_albedo({fit.name!r}, {fit.parameter}=({low:g}, {high:g}), degree={fit.degree})"
-
-
-def _has_formula(factor: Any) -> bool:
-    try:
-        factor_text(factor)
-    except ValueError:
-        return False
-    return True
 
 
 def comment(text: str) -> list[str]:

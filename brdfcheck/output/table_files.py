@@ -16,7 +16,7 @@ import numpy as np
 
 from brdfcheck.fits.grids import AlbedoGrid, formula_of
 from brdfcheck.output import records
-from brdfcheck.output.source import factor_text
+from brdfcheck.output.text import describe
 
 KINDS = ("csv", "npy", "exr")
 SCHEMA = "brdfcheck-table"
@@ -27,11 +27,7 @@ def table_metadata(table: AlbedoGrid, command: str | None = None) -> dict[str, A
     """What a table's reader must know, ready for strict JSON: quantity, convention, factor, clamp, axes, error, versions."""
     factor = "none: the lobe's albedo as it is"
     if table.factored:
-        factor = "included: "
-        try:
-            factor += "it varies with the parameter" if table.factor is None else factor_text(table.factor)
-        except ValueError:
-            factor += type(table.factor).__name__
+        factor = f"included: {'it varies with the parameter' if table.factor is None else describe(table.factor, 9)}"
     return {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,

@@ -170,22 +170,14 @@ def _rounded(value: float, digits: int, *, up: bool) -> str:
 
 
 def describe(factor: Any, digits: int = 6) -> str:
-    """The factor as a formula in n."""
-    from brdfcheck.brdf.factors import Constant, Factor, Proportional, RationalFactor
+    """The factor as a formula in n, or its kind where it has none that is short."""
+    from brdfcheck.brdf.factors import AbstractFactor, RationalFactor
 
-    if isinstance(factor, Factor):
-        a, b = float(factor.A), float(factor.B)
-        if b < 0:
-            return f"({-a:.{digits}g} - n)/{-b:.{digits}g}"
-        return f"(n {'+' if a >= 0 else '-'} {abs(a):.{digits}g})/{b:.{digits}g}"
-    if isinstance(factor, Constant):
-        return f"{float(factor.value):.{digits}g}"
-    if isinstance(factor, Proportional):
-        return f"n/{float(factor.B):.{digits}g}"
-    if isinstance(factor, RationalFactor):
+    if isinstance(factor, RationalFactor):  # a person reads powers more easily than Horner's rule
         parts = [_polynomial(part.tolist(), digits) for part in (factor.numerator, factor.denominator)]
         return f"({parts[0]})/({parts[1]})"
-    return type(factor).__name__
+    text = factor.formula(lambda value: f"{value:.{digits}g}") if isinstance(factor, AbstractFactor) else None
+    return text or type(factor).__name__
 
 
 def _polynomial(coefficients: Sequence[float], digits: int) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 from brdfcheck.brdf.calling import directional
 from brdfcheck.brdf.readers.specs import split_spec
+from brdfcheck.folders import readable
 from brdfcheck.messages import UsageError, one_line
 
 _count = itertools.count(1)
@@ -36,20 +37,10 @@ def _printable(path: str) -> str:
 def load_module(path_text: str) -> ModuleType:
     """The user's file as a module with a name of its own, which can import its neighbours. UsageError if that fails."""
     path = Path(path_text)
-    try:
-        if path.is_dir():
-            raise UsageError(f"{path_text} is a folder; give a Python file, as in mine.py:brdf")
-        if not path.exists():
-            raise UsageError(f"there is no file {path_text!r}")
-        if not path.is_file():
-            raise UsageError(f"{path_text} is no ordinary file")
+    with readable(path_text, "a Python file, as in mine.py:brdf"):
         path = path.resolve()
         if b"\0" in path.read_bytes():
             raise UsageError(f"cannot import {path_text}: it is not text in UTF-8: it holds zero bytes")
-    except UsageError:
-        raise
-    except (OSError, ValueError) as error:
-        raise UsageError(f"cannot read {path_text!r}: {getattr(error, 'strerror', None) or one_line(error)}") from None
     name = f"_brdfcheck_user_{next(_count)}_{path.stem}"
     loader = _SourceLoader(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.errors import ShaderError, mistake
@@ -115,14 +118,13 @@ class Expressions:
         """What is wrong at the next token unless another place is given, to be raised."""
         return mistake(self.source.position(self.now.at if at is None else at), message)
 
-    def deeper(self) -> None:
+    @contextmanager
+    def deeper(self) -> Iterator[None]:
         """Once more inside of something. What is too deep is refused, before Python runs out of its stack."""
         self._depth += 1
         if self._depth > _MOST_DEPTH:
             raise self.mistake(f"nested more than {_MOST_DEPTH} deep")
-
-    def out(self) -> None:
-        """Outside again."""
+        yield
         self._depth -= 1
 
     # --- types ---
@@ -168,12 +170,11 @@ class Expressions:
 
     def assignment(self) -> syntax.Node:
         """An expression without commas."""
-        self.deeper()
-        left = self.conditional()
-        if self.now.kind == "operator" and self.now.text in _ASSIGNMENTS:
-            operator = self.take()
-            left = syntax.Assign(operator.at, operator.text, left, self.assignment())
-        self.out()
+        with self.deeper():
+            left = self.conditional()
+            if self.now.kind == "operator" and self.now.text in _ASSIGNMENTS:
+                operator = self.take()
+                left = syntax.Assign(operator.at, operator.text, left, self.assignment())
         return left
 
     def conditional(self) -> syntax.Node:
@@ -182,11 +183,10 @@ class Expressions:
         question = self.accept("?")
         if not question:
             return condition
-        self.deeper()
-        yes = self.expression()
-        self.expect(":")
-        no = self.assignment()
-        self.out()
+        with self.deeper():
+            yes = self.expression()
+            self.expect(":")
+            no = self.assignment()
         return syntax.Ternary(question.at, condition, yes, no)
 
     def _binary(self, least: int) -> syntax.Node:
@@ -199,22 +199,19 @@ class Expressions:
     def _unary(self) -> syntax.Node:
         token = self.now
         if self.accept("-", "+", "!", "~"):
-            self.deeper()
-            operand = self._unary()
-            self.out()
+            with self.deeper():
+                operand = self._unary()
             return syntax.Unary(token.at, token.text, operand)
         if self.accept("++", "--"):
-            self.deeper()
-            operand = self._unary()
-            self.out()
+            with self.deeper():
+                operand = self._unary()
             return syntax.Step(token.at, token.text, operand, True)
         if self.dialect.spread and self.is_next("(") and self.ahead(1).text in self.types and self.ahead(2).text in (")", "["):
             self.take()
             kind = self.type_name()
             self.expect(")")
-            self.deeper()
-            operand = self._unary()
-            self.out()
+            with self.deeper():
+                operand = self._unary()
             return syntax.Construct(token.at, kind, [operand])
         return self._postfix(self._primary())
 
@@ -263,10 +260,9 @@ class Expressions:
         if token.kind == "int":
             return self._whole(self.take())
         if self.accept("("):
-            self.deeper()
-            inner = self.expression()
-            self.expect(")")
-            self.out()
+            with self.deeper():
+                inner = self.expression()
+                self.expect(")")
             return inner
         if self.is_next("true", "false"):
             self.take()
@@ -276,9 +272,8 @@ class Expressions:
             if not self.is_next("("):
                 raise self.mistake(f"expected '(' after the type {token.text!r}")
             self.take()
-            self.deeper()
-            arguments = self.arguments()
-            self.out()
+            with self.deeper():
+                arguments = self.arguments()
             if kind.sizes:
                 return syntax.Construct(token.at, kind, arguments)
             return syntax.Call(token.at, kind.name, arguments)
@@ -286,9 +281,8 @@ class Expressions:
             self.take()
             if not self.accept("("):
                 return syntax.Name(token.at, token.text)
-            self.deeper()
-            arguments = self.arguments()
-            self.out()
+            with self.deeper():
+                arguments = self.arguments()
             return syntax.Call(token.at, token.text, arguments)
         raise self.mistake(f"expected an expression before {token.shown}")
 
@@ -310,14 +304,13 @@ class Expressions:
         token = self.accept("{")
         if not token:
             return self.assignment()
-        self.deeper()
-        parts: list[syntax.Node] = []
-        while not self.is_next("}"):
-            parts.append(self.initial())
-            if not self.accept(","):
-                break
-        self.expect("}")
-        self.out()
+        with self.deeper():
+            parts: list[syntax.Node] = []
+            while not self.is_next("}"):
+                parts.append(self.initial())
+                if not self.accept(","):
+                    break
+            self.expect("}")
         return syntax.Braces(token.at, parts)
 
 

@@ -262,23 +262,21 @@ class _Parser(Expressions):
 
     def _block(self) -> syntax.Block:
         brace = self.expect("{")
-        self.deeper()
-        found: list[syntax.Node] = []
-        while not self.is_next("}"):
-            if self.now.kind == "end":
-                raise self.mistake("expected '}' before the end of the file")
-            self._statement(found)
-        self.expect("}")
-        self.out()
+        with self.deeper():
+            found: list[syntax.Node] = []
+            while not self.is_next("}"):
+                if self.now.kind == "end":
+                    raise self.mistake("expected '}' before the end of the file")
+                self._statement(found)
+            self.expect("}")
         return syntax.Block(brace.at, found)
 
     def _single(self) -> syntax.Node:
         """One statement, as behind an if."""
         found: list[syntax.Node] = []
         at = self.now.at
-        self.deeper()
-        self._statement(found)
-        self.out()
+        with self.deeper():
+            self._statement(found)
         return found[0] if len(found) == 1 else syntax.Block(at, found)
 
     def _statement(self, found: list[syntax.Node]) -> None:
@@ -400,23 +398,22 @@ class _Parser(Expressions):
         self.expect(")")
         self.expect("{")
         cases: list[syntax.Case] = []
-        self.deeper()
-        while not self.is_next("}"):
-            label = self.now
-            if self.accept("case"):
-                kind: syntax.Node | None = self.conditional()
-            elif self.accept("default"):
-                kind = None
-            else:
-                if not cases:
-                    raise self.mistake(f"expected 'case' or 'default' before {label.shown}")
-                self._statement(cases[-1].statements)
-                continue
-            self.expect(":")
-            if cases and not cases[-1].statements:
-                cases[-1].labels.append(kind)
-            else:
-                cases.append(syntax.Case(label.at, [kind]))
-        self.expect("}")
-        self.out()
+        with self.deeper():
+            while not self.is_next("}"):
+                label = self.now
+                if self.accept("case"):
+                    kind: syntax.Node | None = self.conditional()
+                elif self.accept("default"):
+                    kind = None
+                else:
+                    if not cases:
+                        raise self.mistake(f"expected 'case' or 'default' before {label.shown}")
+                    self._statement(cases[-1].statements)
+                    continue
+                self.expect(":")
+                if cases and not cases[-1].statements:
+                    cases[-1].labels.append(kind)
+                else:
+                    cases.append(syntax.Case(label.at, [kind]))
+            self.expect("}")
         return syntax.Switch(at, value, cases)

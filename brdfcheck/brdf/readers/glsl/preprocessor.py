@@ -12,12 +12,13 @@ import re
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pcpp.preprocessor import Action, OutputDirective, Preprocessor
 
-from brdfcheck.brdf.readers.glsl.errors import Position, ShaderError, mistake
+from brdfcheck.brdf.readers.glsl.errors import Position, mistake
+from brdfcheck.folders import readable
+from brdfcheck.messages import UsageError
 
 MOST_BYTES = 2**21
 """Bytes of a shader, with its includes."""
@@ -53,19 +54,10 @@ class Source:
 
 
 def read_text(path: str) -> str:
-    """The text of a shader file. ShaderError where it cannot be read."""
+    """The text of a shader file. UsageError where it cannot be read."""
     whole = Position(path, 0, 0)
-    try:
-        if Path(path).is_dir():
-            raise mistake(whole, "is a folder; give a shader file")
-        if not Path(path).is_file():
-            raise mistake(whole, "there is no such file")
-        with open(path, "rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, ShaderError):
-            raise
-        raise mistake(whole, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    with readable(path, "a shader file"), open(path, "rb") as file:
+        data = file.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES:
         raise mistake(whole, f"is larger than {MOST_BYTES} bytes")
     if b"\0" in data:
@@ -91,7 +83,7 @@ def preprocess(
         work = _Work(text, path, defines, folders, frozenset(swept))
         try:
             return work.run()
-        except ShaderError:
+        except UsageError:
             raise
         except RecursionError:
             raise mistake(work.here(), "macros or includes are nested too deeply") from None

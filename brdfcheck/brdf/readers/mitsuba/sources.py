@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfcheck.brdf.readers.mitsuba.runtime import mitsuba_module
+from brdfcheck.folders import readable
 from brdfcheck.messages import UsageError, one_line
 
 # What Mitsuba puts before its messages: the place in its own source.
@@ -109,13 +110,11 @@ class _Scene:
         self.files.append(path)
         if len(self.files) > _MOST_FILES:
             raise UsageError(f"{one_line(self.files[0])}: it includes itself, or more than {_MOST_FILES} files")
-        try:
-            root = ElementTree.parse(path).getroot()
-        except ElementTree.ParseError as error:
-            raise UsageError(f"{one_line(path)}: this is not XML: {one_line(error)}") from None
-        except (OSError, ValueError, LookupError) as error:
-            reason = getattr(error, "strerror", None) or one_line(error)
-            raise UsageError(f"cannot read {one_line(path)!r}: {reason}") from None
+        with readable(path, "a scene file"):
+            try:
+                root = ElementTree.parse(path).getroot()
+            except (ElementTree.ParseError, LookupError) as error:  # a LookupError: an encoding that Python does not know
+                raise UsageError(f"{one_line(path)}: this is not XML: {one_line(error)}") from None
         return self._filled_in(root, path)
 
     def _filled_in(self, element: Any, path: str) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import AbstractFile
 from brdfcheck.brdf.tables import AbstractTable
+from brdfcheck.folders import readable
 from brdfcheck.messages import UsageError, one_line
 
 
@@ -23,18 +24,10 @@ def mistake(path: str, message: str) -> UsageError:
 
 def mapped(path: str) -> np.ndarray:
     """The bytes of a file, mapped into memory and not read yet. UsageError where that cannot be done."""
-    try:
-        if Path(path).is_dir():
-            raise mistake(path, "is a folder; give a file")
-        if not Path(path).is_file():
-            raise mistake(path, "there is no such file" if not Path(path).exists() else "is no ordinary file")
+    with readable(path, "a file"):
         if Path(path).stat().st_size == 0:
             raise mistake(path, "is empty")
         return np.memmap(path, np.uint8, "r")
-    except UsageError:
-        raise
-    except (OSError, ValueError) as error:
-        raise mistake(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 class AbstractTableFile(AbstractFile):
