@@ -22,11 +22,11 @@ import numpy as np
 from _instruments import transport as measure
 from _instruments.transport import LABELS, SOLVERS
 from brdfcheck import transport
+from brdfcheck.cores import on_one_core
 from brdfcheck.output import records
 from brdfcheck.plots import paper
 from brdfcheck.studies import table
 
-ALONE = True  # times programs on all cores
 RHO = (0.5, 0.9, 0.99, 1.0, 1.01)
 HALF_CUBE = (1.0, 1.0, 0.5)
 WALLS = {"glowing": "#D55E00", "opposite": "#0072B2", "sides": "#009E73"}
@@ -39,10 +39,11 @@ def run(size: str = "full") -> dict[str, Any]:
     room = transport.box(HALF_CUBE, (16, 16, 8) if full else (4, 4, 2))
     wanted = 1 + 0.05 * np.sin(0.37 * np.arange(room.patches))
     emission = wanted - 0.9 * (np.asarray(room.form_factors) @ wanted)
-    points = measure.work_precision(room, emission, 0.9, wanted, key=key, settings=few, repeats=many)
     cells = (1, 2, 4, 8, 16) if full else (1, 2)
-    costs = measure.growth([(2 * k, 2 * k, k) for k in cells], size=HALF_CUBE, repeats=many)
-    refined, light = measure.refinement(cells, 0.7, key=key, paths=2**22 if full else 2**14)
+    with on_one_core():
+        points = measure.work_precision(room, emission, 0.9, wanted, key=key, settings=few, repeats=many)
+        costs = measure.growth([(2 * k, 2 * k, k) for k in cells], size=HALF_CUBE, repeats=many)
+    refined, light = measure.refinement(cells, 0.7, key=key, paths=2**21 if full else 2**14)
     cube = transport.box()
     levels = measure.levels(cube, cube.on_wall(4, 1.0), RHO)
     balance = {name: float(getattr(room.balance, name)) for name in ("reciprocity", "row_sums", "change")}

@@ -17,7 +17,8 @@ Each rung of each knob is rendered by itself against the full model, which is in
 combinations within the tolerance the one with the fewest operations is rendered again and timed beside the full model. Half a
 step of the output is allowed, where nothing else is said, and one step in the last six scenes. An error is the largest of all
 pixels, after the transfer curve. Time saves less than work does: float32 is counted as a quarter to a half of float64's work
-and takes half of its time or more, and no program takes less than some 20 microseconds, however little it does.
+and takes half of its time or more, and no program takes less than some 20 microseconds, however little it does. Times are of one
+core.
 """
 
 from __future__ import annotations
@@ -35,11 +36,10 @@ from _instruments.budget_scenes import SCENES
 from brdfcheck import budget
 from brdfcheck.budgets import report
 from brdfcheck.budgets.report import cells, sentences
+from brdfcheck.cores import on_one_core
 from brdfcheck.plots import paper, with_few_colours
 from brdfcheck.scene.images import png_bytes
 from brdfcheck.studies import table
-
-ALONE = True  # times programs on all cores
 
 
 def run(size: str = "full") -> dict[str, Any]:
@@ -52,7 +52,8 @@ def run(size: str = "full") -> dict[str, Any]:
 
     full, results = size == "full", []
     for name, scene in SCENES.items() if full else list(SCENES.items())[3:5]:
-        found = budget(scene if full else {**scene, "size": 24})
+        with on_one_core():
+            found = budget(scene if full else {**scene, "size": 24})
         images = (found.reference, found.image, report.difference(found))
         codes = [base64.b64encode(with_few_colours(png_bytes(thumbnail(image)))).decode() for image in images]
         told = report.document(found)

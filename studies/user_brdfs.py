@@ -43,7 +43,7 @@ def run(size: str = "full", given: Sequence[str | Path] = ()) -> dict[str, Any]:
     rules = {name: user_scan.Rule(user_families.FAMILIES[name]) for name in (user_families.FAMILIES if full else SMALL)}
     # Brute force first, each family on a core of its own: checks, which are timed, want the machine for themselves.
     with ThreadPoolExecutor(len(available_cores())) as pool:
-        points = [1 << (8 if not full else 12 if rule.subject.numpy else 15) for rule in rules.values()]
+        points = [1 << (8 if not full else 11 if rule.subject.numpy else 14) for rule in rules.values()]
         scans = list(pool.map(user_scan.scan, rules.values(), points))
     for (name, rule), found in zip(rules.items(), scans, strict=True):
         subject, answers = rule.subject, {"now": user_checks.check(name, here, kept=full)}

@@ -18,7 +18,7 @@ from brdfcheck.cores import on_one_core
 _BLOCK = 16384
 _UNROLLED = 8
 # Seconds after which a function has been timed enough, once it had that many rounds.
-_BUDGET = 1.2
+_BUDGET = 0.5
 _LEAST_ROUNDS = 5
 _PARTS = 4
 

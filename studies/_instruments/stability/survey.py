@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from _instruments.stability.outcomes import Method, Mode, Outcome, gradient_outcomes, gradients_of, of_rule, outcomes, run
-from _instruments.stability.references import LOBES, Reference, label
+from _instruments.stability.references import KINDS, LOBES, Reference, label
 from brdfcheck.quadrature import RULES
 
 # Settings of the rules of samples, and of those that know where the lobe is.
@@ -26,13 +26,22 @@ _PROGRAMS = 64
 
 @dataclass(frozen=True)
 class Job:
-    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives."""
+    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives.
+
+    In float64; in float32 too, of one lobe of each kind, or of `every` lobe.
+    """
 
     name: str
     method: Method
     lobe: str
     of: Literal["values", "derivatives"] = "values"
     mode: Mode = "jit"
+    every: bool = False
+
+    @property
+    def precisions(self) -> tuple[Any, ...]:
+        """The precisions in which it is measured."""
+        return (np.float64, np.float32) if self.every or self.lobe in KINDS else (np.float64,)
 
 
 def of_rules(settings: Mapping[str, float], lobes: Iterable[str], of: Literal["values", "derivatives"] = "values") -> list[Job]:
@@ -71,7 +80,7 @@ def survey(jobs: Sequence[Job], references: Mapping[str, Reference]) -> list[dic
 
 def _cells(job: Job, reference: Reference) -> list[dict[str, Any]]:
     found = []
-    for dtype in (np.float64, np.float32):
+    for dtype in job.precisions:
         if job.of == "values":
             got = run(job.method, job.lobe, reference.parameters, reference.cosines, dtype, mode=job.mode)
             grids = {"value": outcomes(got, reference, dtype)}
