@@ -288,6 +288,8 @@ def test_bad_arguments(arguments, message):
 def test_bad_samplings():
     with pytest.raises(ValueError, match="sampling must be one of"):
         fit_factor("phong", sampling="random")
+    with pytest.raises(ValueError, match="samples must be a whole number, at least 2; got 1"):
+        fit_factor("phong", objective="least-squares", samples=1)
     with pytest.raises(ValueError, match="fewer than two integers"):
         fit_factor("phong", (1.2, 1.8), "reciprocal", sampling="integers")
     with pytest.raises(KeyError, match="unknown BRDF"):

@@ -274,6 +274,7 @@ def test_randomness_comes_from_the_key_alone(name):
     first, again, other = seeded(1), seeded(1), seeded(2)
     assert first.value == again.value != other.value
     assert first.error == again.error
+    assert compiled(name, 256)(lobe, jnp.asarray(0.5), jax.random.PRNGKey(1)).value == first.value
     # Different cosines of one request do not share their directions.
     both = compiled(name, 256)(lobe, jnp.array([0.5, 0.5]), KEY)
     assert both.value[0] != both.value[1]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from selection import few
 
-from brdfcheck import BinomialPower, Family, albedo, load
+from brdfcheck import BinomialPower, Family, albedo
 from brdfcheck.brdf import catalog
 from brdfcheck.fits.grids import tabulate
 from brdfcheck.fits.rational import horner
@@ -111,7 +111,7 @@ def test_a_lobe_without_a_factor_has_none():
 def test_one_exponent_one_angle_and_other_ranges():
     one = fit_albedo("phong", n=(20, 20), degree=(5, 2))
     assert one.max_error <= 1e-5
-    angle = fit_albedo(load("phong", n=(1, 100), cos_theta=(0.5, 0.5)), degree=(3, 1))
+    angle = fit_albedo("phong", n=(1, 100), cos_theta=(0.5, 0.5), degree=(3, 1))
     assert angle.max_error <= 1e-3
     steep = fit_albedo("phong-classical", n=(1, 100), degree=(3, 2))
     assert steep.cos_range == catalog.entry("phong-classical").family.cos_theta
@@ -135,6 +135,8 @@ def test_bad_input():
         fit_albedo("phong", n=(10, 1))
     with pytest.raises(ValueError, match=r"n must be .*>= 0; got -1"):
         fit_albedo("phong", n=(-1, 10))
+    with pytest.raises(ValueError, match=r"must run within 0:1; got 0.5:2"):
+        fit_albedo("phong", cos_theta=(0.5, 2))
     with pytest.raises(ValueError, match=r"degree .*; got \(3, -1\)"):
         fit_albedo("phong", degree=(3, -1))
     with pytest.raises(ValueError, match=r"degree .*; got 3"):

@@ -9,7 +9,6 @@ import pytest
 from selection import few
 
 from brdfcheck import transport
-from brdfcheck.runtime import double_precision
 
 CUBE = np.array(list(np.ndindex(2, 2, 2)), float)
 # In the order of the walls of a box.
@@ -124,9 +123,8 @@ def test_on_wall():
     assert float(jnp.sum(room.areas * room.on_wall(2, 1.0))) == pytest.approx(0.5)
 
 
-def test_a_room_is_in_the_precision_of_jax():
-    with double_precision(False):
-        room = transport.box(cells=3)
+def test_precision_is_chosen():
+    room = transport.box(cells=3, dtype=jnp.float32)
     assert {leaf.dtype for leaf in jax.tree.leaves(room)} == {jnp.dtype("float32")}
     # Made in float64 and rounded once.
     exact = np.asarray(transport.box(cells=3).form_factors)

@@ -14,7 +14,6 @@ from selection import few
 import brdfcheck
 from brdfcheck import BlinnPhong, CookTorrance, Factor, Lambert, Normalized, Phong, PhongExact, transport
 from brdfcheck.brdf import catalog
-from brdfcheck.runtime import double_precision
 from brdfcheck.transport import Status, angular
 
 KEY = jax.random.key(7)
@@ -222,9 +221,7 @@ def test_a_box_keeps_less_than_the_sphere():
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_the_energy_between_diffuse_walls_is_left_to_rounding_only(dtype):
     """Lambert's lobe is the cosine: nothing scatters, whatever the sampling, and the error is that of the sums."""
-    with double_precision(dtype is jnp.float64):
-        room = transport.sphere(2)
-    exact = float(jnp.asarray(0.8, dtype)) ** np.arange(101)
+    room, exact = transport.sphere(2, dtype=dtype), float(jnp.asarray(0.8, dtype)) ** np.arange(101)
     for sampling in ("lobe", "cosine"):
         found = transport.energy_after_bounces(room, Lambert(0.8), 100, key=KEY, paths=2**14, sampling=sampling)
         off = np.abs(np.asarray(found.mean, float) - exact)
@@ -354,8 +351,7 @@ def test_otherwise_loss_free_walls():
 
 @pytest.mark.slow
 def test_float32_stays_float32():
-    with double_precision(False):
-        room = transport.sphere(2, 2)
+    room = transport.sphere(2, 2, dtype=jnp.float32)
     found = transport.trace(room, [1.0, 0, 0, 0], 0.5, brdf=Normalized(Phong(5.0), PhongExact()), key=KEY, paths=4096)
     assert found.value.dtype == found.error.dtype == jnp.float32
     single = Normalized(Phong(jnp.float32(5)), Factor(jnp.float32(2), jnp.float32(2 * np.pi)))

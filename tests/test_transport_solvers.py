@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from brdfcheck import transport
-from brdfcheck.runtime import double_precision
 from brdfcheck.transport import Status, radiosity
 from brdfcheck.transport.solution import standing
 
@@ -223,8 +222,7 @@ def test_too_few_terms_say_so():
 
 @pytest.mark.slow
 def test_float32_stays_float32():
-    with double_precision(False):
-        room = transport.box(cells=2)
+    room = transport.box(cells=2, dtype=jnp.float32)
     exact = transport.direct(transport.box(cells=2), transport.box(cells=2).on_wall(4, 1.0), 0.7).value
     for name, solver in SOLVERS.items():
         solution = solver(room, room.on_wall(4, 1.0), 0.7, **({} if name == "direct" else {"tolerance": 1e-5}))

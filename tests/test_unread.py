@@ -194,7 +194,7 @@ def test_a_name_that_is_no_text_is_in_every_report(run: Run, here: Path) -> None
     assert (report["name"], report["verdict"]) == (f"{name}:f", "CONSERVES")
     assert "odd\\udcff.py:f" in (here / "r.html").read_text()
     lost = Report(f"{name}:f", Verdict.UNDECIDED, {}, findings=("cannot be evaluated",))
-    (result,) = json.loads(sarif.to_sarif([lost], [(name, 1)]))["runs"][0]["results"]
+    (result,) = json.loads(sarif.to_sarif([lost], [(name, 1)], folder="."))["runs"][0]["results"]
     assert result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] == "odd%FF.py"
 
 

@@ -54,14 +54,14 @@ def as_parameter(value: object, name: str = "a parameter") -> Array:
     return array.astype(float)
 
 
-def checked_number(value: object, name: str, *, high: float = np.inf, above: bool = False) -> Array:
-    """`as_parameter`; ValueError where it is not finite, outside of [0, `high`], or, with `above`, 0 itself."""
+def checked_number(value: object, name: str, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> Array:
+    """`as_parameter`; ValueError where it is not finite, outside of [`low`, `high`], or, with `above`, `low` itself."""
     array = as_parameter(value, name)
     if not isinstance(array, Tracer):
         values = np.asarray(array)
-        good = np.isfinite(values) & (values <= high) & ((values > 0) if above else (values >= 0))
+        good = np.isfinite(values) & (values <= high) & ((values > low) if above else (values >= low))
         if values.size == 0 or not np.all(good):
-            bounds = f"{'>' if above else '>='} 0{'' if high == np.inf else f' and <= {high:g}'}"
+            bounds = f"{'>' if above else '>='} {low:g}{'' if high == np.inf else f' and <= {high:g}'}"
             raise ValueError(f"{name} must be finite and {bounds}; got {value}")
     return array
 

@@ -69,10 +69,10 @@ class Compensation:
         return (1 - looked_up(self.nodes, self.cos_theta, self.energy, parameter, mu)) * returned / divisor
 
 
-def compensation(table: RendererTable, rtol: float | None = None) -> Compensation:
+def compensation(table: RendererTable, rtol: float | None = None, row: Callable[[], None] = lambda: None) -> Compensation:
     """The compensation of a table's target, which must have a Fresnel term of 1 where it has one.
 
-    `rtol` as for `cells`. UsageError where the target's Fresnel term is not 1, where not all angles are looked at, or
+    `rtol` and `row` as for `cells`. UsageError where the target's Fresnel term is not 1, where not all angles are looked at, or
     where the search of `check` finds an albedo above 1: then nothing is lost.
     """
     found, grid = table.sources, table.grid
@@ -97,6 +97,7 @@ def compensation(table: RendererTable, rtol: float | None = None) -> Compensatio
             grid.cos_theta,
             lambda parameter, mu: looked_up(grid.nodes, grid.cos_theta, grid.values, parameter, mu),
             rtol,
+            row,
         )
         energy = _float32(raised(grid.nodes, grid.cos_theta, grid.values + grid.errors, known), np.inf)
         returned = averages(grid.cos_theta, energy)
@@ -130,6 +131,7 @@ class Cover:
         cos_theta: np.ndarray,
         approximation: Lookup,
         rtol: float | None,
+        row: Callable[[], None] = lambda: None,
     ):
         ((low, high),) = family.ranges.values()
         self._approximation, self._sampler = approximation, Sampler(family, rtol)
@@ -140,7 +142,7 @@ class Cover:
         self.mu = _halved(np.concatenate([[0.0], cos_theta, [1.0]]))
         p, where = np.unique(self.parameter, return_inverse=True)
         mu, across = np.unique(self.mu, return_inverse=True)
-        self.values, bars = (part[np.ix_(where, across)] for part in cells(family, p, mu, rtol))
+        self.values, bars = (part[np.ix_(where, across)] for part in cells(family, p, mu, rtol, row))
         self._grid = np.stack(np.meshgrid(self.parameter, self.mu, indexing="ij"), axis=-1)
         self.missed = self.values + bars - approximation(*self._grid.reshape(-1, 2).T).reshape(self.values.shape)
         self._seen = [(self._grid.reshape(-1, 2), (self.values + bars).ravel())]

@@ -35,8 +35,6 @@ Objective = Literal["minimax", "least-squares", "reciprocal"]
 OBJECTIVES: tuple[Objective, ...] = ("minimax", "least-squares", "reciprocal")
 Sampling = Literal["geometric", "linear", "integers"]
 SAMPLINGS: tuple[Sampling, ...] = ("geometric", "linear", "integers")
-# How many exponents the first two look at.
-_SAMPLES = 400
 
 # Rounds in which the worst angle may be put into the program.
 _ROUNDS = 8
@@ -96,15 +94,15 @@ class FactorFit:
         return self.report.verdict
 
 
-def certify(raw: RawAlbedo, factor: Factor) -> tuple[Factor, Report]:
+def certify(raw: RawAlbedo, factor: Factor, *, tolerance: float = TOLERANCE) -> tuple[Factor, Report]:
     """The factor with B enlarged by the largest albedo over all angles, so that it conserves; and the verdict on it."""
-    report = check_family(raw.with_factor(factor), intervals=False)
+    report = check_family(raw.with_factor(factor), tolerance=tolerance, intervals=False)
     excess = report.albedo + report.error
     if not math.isfinite(excess):
         raise ValueError(f"{raw.name}: the largest albedo is not finite, so no factor normalises it")
     if not _kept(report):
         factor = Factor(factor.A, factor.B * excess)
-        report = check_family(raw.with_factor(factor))
+        report = check_family(raw.with_factor(factor), tolerance=tolerance)
     return factor, report
 
 
@@ -119,14 +117,16 @@ def fit_factor(
     objective: Objective = "minimax",
     *,
     sampling: Sampling = "geometric",
+    samples: int = 400,
+    tolerance: float = TOLERANCE,
 ) -> FactorFit:
     """The factor (n+A)/B that normalises a lobe on a range of exponents, and the verdict on the result over all angles.
 
     `family`: a catalogue name, a `Family`, or a class or function n -> BRDF; a factor that it already carries is taken off.
     `objective`: "minimax" keeps E <= 1 at every angle and makes the smallest albedo at normal incidence as large as a factor
     of this form can (B < 0, a line that falls with n, where the raw albedo rises); "least-squares" (sum of (E - 1)^2) and
-    "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see exponents spaced as `sampling` says:
-    geometric, linear (400 of either), or every integer of the range.
+    "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see `samples` exponents spaced as `sampling`
+    says: geometric, linear, or every integer of the range.
 
     What has no exponent, as a table or a family whose parameters are held, has one constant as its factor, n/B at n = 1,
     whatever `n` and the `objective` are.
@@ -136,21 +136,23 @@ def fit_factor(
     """
     one_of(objective, OBJECTIVES, "objective")
     one_of(sampling, SAMPLINGS, "sampling")
+    if not isinstance(samples, int) or isinstance(samples, bool) or samples < 2:
+        raise ValueError(f"samples must be a whole number, at least 2; got {samples!r}")
     with double_precision():
         raw = RawAlbedo(family, n)
         if raw.constant:
-            return _constant(raw, objective)
+            return _constant(raw, objective, tolerance)
         if objective == "minimax":
-            return fit_form(raw, (1, 0))
-        places = _samples(raw, sampling)
+            return fit_form(raw, (1, 0), tolerance=tolerance)
+        places = _samples(raw, sampling, samples)
         fitted = _least_squares(raw, places, objective)
-        factor, report = certify(raw, fitted)
+        factor, report = certify(raw, fitted, tolerance=tolerance)
         return _result(raw, factor, report, [_step(raw, fitted, f"{objective}, {len(places)} exponents")], objective, sampling)
 
 
-def _constant(raw: RawAlbedo, objective: Objective) -> FactorFit:
+def _constant(raw: RawAlbedo, objective: Objective, tolerance: float) -> FactorFit:
     """The largest constant with which a BRDF conserves at every angle, whatever the samples of a table leave open."""
-    tolerance = max(TOLERANCE, raw.family.tolerance)
+    tolerance = max(tolerance, raw.family.tolerance)
     report = check_family(raw.family, tolerance=tolerance, intervals=False)
     most = max(report.albedo + report.error, -math.inf if report.doubt is None else report.doubt.most)
     if not 0 < most < math.inf:
@@ -160,7 +162,7 @@ def _constant(raw: RawAlbedo, objective: Objective) -> FactorFit:
     return _result(raw, factor, check_family(raw.with_factor(factor), tolerance=tolerance), history, objective, "continuous")
 
 
-def _samples(raw: RawAlbedo, sampling: Sampling) -> np.ndarray:
+def _samples(raw: RawAlbedo, sampling: Sampling, count: int) -> np.ndarray:
     if raw.single:
         return np.array([raw.low])
     if sampling == "integers":
@@ -171,8 +173,8 @@ def _samples(raw: RawAlbedo, sampling: Sampling) -> np.ndarray:
             raise ValueError(f"there are {whole.size} integers in {raw.low:g}:{raw.high:g}, at most 100000 can be sampled")
         return whole
     if sampling == "linear":
-        return np.linspace(raw.low, raw.high, _SAMPLES)
-    return np.geomspace(raw.low, raw.high, _SAMPLES) if raw.low > 0 else spread(raw.low, raw.high, _SAMPLES)
+        return np.linspace(raw.low, raw.high, count)
+    return np.geomspace(raw.low, raw.high, count) if raw.low > 0 else spread(raw.low, raw.high, count)
 
 
 def _least_squares(raw: RawAlbedo, n: np.ndarray, objective: Objective) -> Factor:
@@ -225,7 +227,7 @@ def _step(raw: RawAlbedo, factor: AbstractFactor, note: str) -> Step:
     return Step(factor, float(values.max()), float(values.min()), note)
 
 
-def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int]) -> FactorFit:
+def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int], *, tolerance: float = TOLERANCE) -> FactorFit:
     """The minimax factor of another form: P(n)/Q(n) of degrees (p, q), or (p, q, r) where P starts at the power r.
 
     (0, 0) is a constant, (1, 0, 1) is n/B, (1, 0) is (n+A)/B. ValueError where no such factor conserves.
@@ -243,14 +245,14 @@ def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int]) ->
             best, steps = best_rational(raw, raw.grid(), degrees, ceiling, rounds=8 if raw.fast else 2)
             factor = _as_factor(raw, degrees, best)
             history += [Step(_as_factor(raw, degrees, step), step.largest, step.smallest, "exchange") for step in steps]
-        report = check_family(raw.with_factor(factor))
+        report = check_family(raw.with_factor(factor), tolerance=tolerance)
         if not math.isfinite(report.albedo + report.error):
             raise ValueError(f"{raw.name}: the largest albedo is not finite, so no factor normalises it")
         if _kept(report):
             break
         if not report.albedo > 1 + 1e-6:  # what is left is the accuracy of the search: take it off the factor
             factor = _shrunk(factor, report.albedo + report.error)
-            report = check_family(raw.with_factor(factor))
+            report = check_family(raw.with_factor(factor), tolerance=tolerance)
             if _kept(report):
                 break
         # The worst place over all angles joins the program.
@@ -262,7 +264,7 @@ def fit_form(raw: RawAlbedo, degrees: tuple[int, int] | tuple[int, int, int]) ->
         assert factor is not None
         best_of_its_form = False
         factor = _shrunk(factor, report.albedo + report.error)
-        report = check_family(raw.with_factor(factor))
+        report = check_family(raw.with_factor(factor), tolerance=tolerance)
     return _result(raw, factor, report, history, "minimax", "continuous", best_of_its_form)
 
 

@@ -46,12 +46,12 @@ def formula_of(family: Family) -> str:
     return f"{entry.formula}, its factor replaced by the one named below"
 
 
-def one_parameter_family(target: Any, ranges: dict[str, tuple[float, float]]) -> Family:
+def one_parameter_family(target: Any, cos_theta: tuple[float, float] | None, ranges: dict[str, tuple[float, float]]) -> Family:
     """What `brdfcheck.check` takes, as a family of exactly one parameter.
 
     Raises ValueError for bad ranges or parameters other than one; KeyError and TypeError as `check` does.
     """
-    family = as_family(target, ranges, None)
+    family = as_family(target, ranges, cos_theta)
     if len(family.ranges) != 1:
         raise ValueError(
             f"{family.name} has {len(family.ranges)} parameters ({', '.join(family.ranges) or 'none'}); exactly one is needed"
@@ -129,18 +129,19 @@ def tabulate(
     target: Any,
     *,
     count: tuple[int, int] = (64, 64),
+    cos_theta: tuple[float, float] | None = None,
     **ranges: tuple[float, float],
 ) -> AlbedoGrid:
     """The quadrature's albedo on a grid of `count` (parameter, cos_theta) nodes, with the factor, never clamped.
 
-    `target` and `ranges` as for `fit_albedo`. Node k of N is at t = (k + 1/2)/N, as the texels of a texture lie.
+    `target`, `cos_theta`, `ranges` as for `fit_albedo`. Node k of N is at t = (k + 1/2)/N, as the texels of a texture lie.
     cos_theta runs evenly in t; a parameter that spans more than a factor of 10 geometrically. RGB families: the largest
     channel. Raises as `fit_albedo` does, and ValueError for counts below 2.
     """
     if len(count) != 2 or any(isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size < 2 for size in count):
         raise ValueError(f"count must be two integers >= 2; got {count!r}")
     with double_precision():
-        family = one_parameter_family(target, ranges)
+        family = one_parameter_family(target, cos_theta, ranges)
         sampler = Sampler(family, None)
         single = sampler.range[0] == sampler.range[1]  # then one row says all
         t = [(np.arange(size) + 0.5) / size for size in (1 if single else count[0], count[1])]

@@ -320,7 +320,7 @@ def _with_split_sum(table: RendererTable, rtol: float | None, row: Callable[[], 
 
 
 def cells(
-    family: Family, nodes: np.ndarray, mu: np.ndarray, rtol: float | None, row: Callable[[], None] = lambda: None
+    family: Family, nodes: np.ndarray, mu: np.ndarray, rtol: float | None, row: Callable[[], None]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Albedos and bars (nodes, mu): of lobes in one program on all cores, of functions a row at a time."""
     sampler = Sampler(family, rtol)

@@ -151,13 +151,14 @@ class AlbedoFit:
 def fit_albedo(
     target: Any,
     *,
+    cos_theta: tuple[float, float] | None = None,
     degree: tuple[int, int] | None = None,
     **ranges: tuple[float, float],
 ) -> AlbedoFit:
     """The albedo of a family of one parameter as a rational function of the parameter and cos theta. Deterministic.
 
     `target` and `ranges`: what `brdfcheck.check` takes, as in ``fit_albedo(Phong, n=(1, 1000))`` or ``fit_albedo("ggx")``; of
-    RGB families the largest channel is fitted. `degree`: total
+    RGB families the largest channel is fitted. `cos_theta`: the cosines of incidence, by default [0, 1]. `degree`: total
     degrees of numerator and denominator, (5, 0) is a polynomial; by default the better of `DEGREES`.
 
     Raises ValueError for bad ranges or degrees, an albedo that is not finite, a family that is anisotropic or does not have
@@ -166,7 +167,7 @@ def fit_albedo(
     if degree is not None and not _is_degree(degree):
         raise ValueError(f"degree must be two integers (numerator, denominator) from 0 to 8; got {degree!r}")
     with double_precision():
-        problem = _Problem(one_parameter_family(target, ranges))
+        problem = _Problem(one_parameter_family(target, cos_theta, ranges))
         return problem.fit(DEGREES if degree is None else ((degree[0], degree[1]),))
 
 

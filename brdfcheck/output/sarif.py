@@ -108,12 +108,12 @@ def _energy(report: Report) -> str:
     return f"{text} (tolerance {words.exact(report.tolerance)}; {one_line(words.basis_text(report))})"
 
 
-def to_sarif(reports: Sequence[Report], places: Sequence[Place], *, exit_code: int = 0) -> str:
+def to_sarif(reports: Sequence[Report], places: Sequence[Place], *, exit_code: int = 0, folder: str | None = None) -> str:
     """The SARIF log of these reports, each with the `places` where its BRDF is defined.
 
-    Files within the repository are named relative to it, as code hosts need it.
+    Files within `folder` (by default the repository) are named relative to it, as code hosts need it.
     """
-    root = os.path.realpath(repository())
+    root = os.path.realpath(folder or repository())
     results = [
         _result(rule, message, report, place, root)
         for report, place in zip(reports, places, strict=True)

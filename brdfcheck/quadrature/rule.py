@@ -331,11 +331,15 @@ def _called(brdf: Any) -> str:
 
 def _checked_key(key: Any) -> Any:
     dtype = getattr(key, "dtype", None)
-    if dtype is None or not jnp.issubdtype(dtype, jax.dtypes.prng_key):
+    if dtype is not None and jnp.issubdtype(dtype, jax.dtypes.prng_key):
+        typed = key
+    elif dtype == np.uint32 and key.shape == (2,):
+        typed = jax.random.wrap_key_data(key)
+    else:
         raise TypeError(f"key must be a key of jax.random.key; got {key!r}")
-    if key.shape:
-        raise TypeError(f"key must be one key, not {key.shape[0]}: use jax.vmap for a batch of keys")
-    return key
+    if typed.shape:
+        raise TypeError(f"key must be one key, not {typed.shape[0]}: use jax.vmap for a batch of keys")
+    return typed
 
 
 def _of_one_type(brdf: Any, cos_theta: Any) -> tuple[Any, Array]:

@@ -98,11 +98,12 @@ def render_brdf(
     label: str,
     size: int = 256,
     quality: str = "normal",
+    progress: Callable[[int], None] = lambda count: None,
 ) -> Image:
     """One BRDF as one of `OF_ONE`: linear RGB as float32. `label`: what the picture calls it; else as `render_preset`."""
     if kind not in OF_ONE:
         raise UnknownName(f"{kind!r} is no picture of one BRDF; these are {', '.join(OF_ONE)}")
-    return _rendered(lambda canvas: OF_ONE[kind](canvas, brdf, label), size, quality, lambda count: None)
+    return _rendered(lambda canvas: OF_ONE[kind](canvas, brdf, label), size, quality, progress)
 
 
 def _rendered(make: Callable[[Canvas], Any], side: int, quality: str, progress: Callable[[int], None]) -> Image:

@@ -178,7 +178,7 @@ def enclosure(form_factors: Any, areas: Any) -> Enclosure:
     return Enclosure(*closed(form_factors, areas, 0.0))
 
 
-def sphere(bands: int = 16, sectors: int = 1, *, radius: float = 1.0) -> Sphere:
+def sphere(bands: int = 16, sectors: int = 1, *, radius: float = 1.0, dtype: Any = None) -> Sphere:
     r"""The inside of a sphere: $F_{jk} = A_k/(4\pi r^2)$. ValueError for counts or a radius that are not positive."""
     bands, sectors = checked_count(bands, "bands"), checked_count(sectors, "sectors")
     radius = _size(radius, "radius")
@@ -188,14 +188,14 @@ def sphere(bands: int = 16, sectors: int = 1, *, radius: float = 1.0) -> Sphere:
     areas = np.full(count, 4 * np.pi * radius * radius / count)
     factors = inside_sphere(areas, radius)
     matrix, error = (np.broadcast_to(part, (count, count)) for part in factors)
-    parts = closed(matrix, areas, error)
+    parts = closed(matrix, areas, error, dtype)
     return Sphere(*parts, jnp.asarray(radius, parts[0].dtype), bands, sectors)
 
 
 _IN_PLANE = ((1, 2), (0, 2), (0, 1))
 
 
-def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1) -> Box:
+def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1, *, dtype: Any = None) -> Box:
     """The inside of a box with the edges `size`, its walls divided into `cells` along each axis (one number or three).
 
     All form factors by the closed forms of parallel and perpendicular rectangles; equal relative places are computed once.
@@ -237,7 +237,7 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1)
             off_there = there[axis] if wall % 2 == 0 else counts[axis] - 1 - there[axis]
             block = table[off_here, off_there, abs(here[common] - there[common])]
         matrix[first[wall] : first[wall + 1], first[other] : first[other + 1]] = block
-    parts = closed(matrix, areas, error)
+    parts = closed(matrix, areas, error, dtype)
     return Box(*parts, jnp.asarray(edges, parts[0].dtype), tuple(counts))  # pyright: ignore[reportArgumentType]
 
 
@@ -303,7 +303,7 @@ def cylinder(radius: float = 1.0, height: float = 1.0, *, rings: int = 1, bands:
 # --- what a closed enclosure demands ---
 
 
-def closed(form_factors: Any, areas: Any, error: Any) -> tuple[Array, Array, Array, Balance]:
+def closed(form_factors: Any, areas: Any, error: Any, dtype: Any = None) -> tuple[Array, Array, Array, Balance]:
     """(form factors, areas, uncertainty, balance) of an enclosure, with reciprocity and row sums enforced."""
     matrix, areas = np.asarray(form_factors, float), np.asarray(areas, float)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or areas.shape != matrix.shape[:1]:
@@ -335,7 +335,7 @@ def closed(form_factors: Any, areas: Any, error: Any) -> tuple[Array, Array, Arr
     balanced *= (scale / areas)[:, None]
     balanced *= scale
     change = float(np.max(np.sum(np.abs(balanced - matrix), axis=1)))
-    dtype = jnp.asarray(0.0).dtype
+    dtype = jnp.asarray(0.0).dtype if dtype is None else jnp.dtype(dtype)
     # Uniform errors come as one number, spread over the matrix without memory.
     spread = np.broadcast_to(error, matrix.shape)
     largest = float(error) * len(areas) if np.ndim(error) == 0 else float(np.max(np.sum(spread, axis=1)))
