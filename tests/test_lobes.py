@@ -337,7 +337,7 @@ PARTS = {f"{place + 1} of 4": tuple(ALL)[place::4] for place in range(4)}
 def test_reciprocal_positive_and_finite(part: str, n: float, pairs: list[tuple[float, float, float]]) -> None:
     wi = np.stack([direction(i, 0.3) for i, _, _ in pairs])
     wo = np.stack([direction(o, 0.3 + azimuth) for _, o, azimuth in pairs])
-    for name, (there, back) in _both_ways(PARTS[part], n, wi, wo).items():
+    for name, (there, back) in _both_ways(PARTS[part], np.asarray(n), wi, wo).items():
         there, back = np.asarray(there), np.asarray(back)
         assert np.all(np.isfinite(there)), name
         assert np.all(there >= -1e-13), name  # Schlick: (1 - versine) / n, and 1 - versine rounds
