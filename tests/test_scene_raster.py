@@ -111,13 +111,17 @@ def test_perspective_sees_a_smaller_cap():
 def test_rays_pass_through_the_pixels_that_project(kind):
     camera, opening = CAMERAS[kind]
     camera, size = camera(**PLACE, **opening), (20, 31)
-    origins, directions = camera.rays(size, jnp.float64)
+
+    @eqx.filter_jit
+    def there_and_back(camera, distance):
+        origins, directions = camera.rays(size, jnp.float64)
+        points = origins + distance * directions
+        return origins, directions, camera.project(points, size).screen, camera.view(points)
+
+    origins, directions, screen, view = there_and_back(camera, np.random.default_rng(3).uniform(1, 6, size))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, rtol=1e-14)
-    distance = np.random.default_rng(3).uniform(1, 6, size)
-    points = origins + distance * directions
-    projected = camera.project(points, size)
-    np.testing.assert_allclose(projected.screen, pixel_centres(size, float), atol=1e-11)
-    np.testing.assert_allclose(camera.view(points), -directions, atol=1e-14)
+    np.testing.assert_allclose(screen, pixel_centres(size, float), atol=1e-11)
+    np.testing.assert_allclose(view, -directions, atol=1e-14)
     for mine, theirs in zip((origins, directions), camera_rays(*PLACE.values(), size, **opening), strict=True):
         np.testing.assert_allclose(np.moveaxis(mine, 0, -1), theirs, atol=1e-13)
 
