@@ -400,7 +400,7 @@ vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y)
     assert report.albedo == pytest.approx(1.125, abs=1e-9)
     assert report.parameters["gain"] == 1
     assert set(report.width) == {"angle", "cell"}, "between the two values of a switch there is nothing to miss"
-    quiet = brdfcheck.check(path, n=(3, 3), gain=(0, 0), effort="quick")
+    quiet = brdfcheck.check(path, n=(3, 3), gain=(0, 0), cos_theta=(1, 1), effort="quick")
     assert quiet.verdict.name == "CONSERVES"
     assert quiet.albedo == pytest.approx(0.5, abs=1e-9)
 
@@ -422,7 +422,7 @@ def test_check_of_a_function_with_options(tmp_path: Path, run: Run) -> None:
     write(tmp_path, "#define PI 3.141592653589793\n", "inc/pi.inc")
     path = write(tmp_path, text)
     words = ["check", f"{path}:f", "--over", "k=0:0.75", "--args", "V,L,k", "--returns", "brdf*cos", "-D", "TWICE=2.0"]
-    words += ["-I", str(tmp_path / "inc"), "--effort", "quick", "--json", "-"]
+    words += ["-I", str(tmp_path / "inc"), "--effort", "quick", "--cos-theta", "0.5", "--json", "-"]
     code, out, _ = run(*words)
     record = json.loads(out)
     assert code == ExitCode.FAILED

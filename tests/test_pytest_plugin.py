@@ -247,6 +247,7 @@ effort = "quick"
 
 [[tool.brdfcheck.subjects]]
 target = "shaders/flat.brdf"
+cos_theta = [0.5, 0.5]
 effort = "quick"
 
 [[tool.brdfcheck.subjects]]

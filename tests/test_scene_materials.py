@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +33,12 @@ def directions(count, seed=0):
     rng = np.random.default_rng(seed)
     normals, views = numpy_shader.normalised(rng.normal(size=(2, count, 3)))
     return normals, np.where(numpy_shader.dots(normals, views)[:, None] < 0, -views, views)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """What is refused is searched quickly: the search is not what is tested."""
+    monkeypatch.setattr(materials, "check", functools.partial(materials.check, effort="quick"))
 
 
 NORMALS, VIEWS = directions(400)
@@ -128,6 +136,7 @@ def test_a_family_is_checked_once(monkeypatch):
     assert len(calls) == 5
 
 
+@pytest.mark.usefixtures("quick")
 def test_a_sum_is_refused_by_how_much_it_reflects_too_much():
     Surface(Term("lambert", 0.7), Term("phong", 0.3, n=20))
     with pytest.raises(ValueError, match=r"up to 1.1 of the light in channel G, at 0 degrees: 0.1 more than arrives"):
@@ -207,6 +216,7 @@ def test_channels_and_directions_of_functions_are_those_of_the_surface():
         np.testing.assert_allclose(along, (1 + 0.36 / 4) * np.array([0.4, 0.2, 0.1]), rtol=1e-6)
 
 
+@pytest.mark.usefixtures("quick")
 def test_functions_are_refused_like_lobes():
     with pytest.raises(materials.NotConserving, match=r"<lambda> is not validated .VIOLATES: albedo 3.14159"):
         Surface(Term(lambda wi, wo: 1.0))

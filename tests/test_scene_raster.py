@@ -45,7 +45,7 @@ def test_faces_and_weights_are_those_that_rays_hit(name, kind):
     build, cull = MESHES[name]
     mesh = build()
     camera, opening = CAMERAS[kind]
-    found = rasterise(mesh, camera(**PLACE, **opening), size, cull=cull)
+    found = rasterise(mesh, camera(**PLACE, **opening), size, **({} if cull else {"cull": False}))
     rays = camera_rays(*PLACE.values(), size, **opening)
     face, weights, margin = seen(np.asarray(mesh.vertices), np.asarray(mesh.faces), *rays, cull=cull)
     # Rays within rounding of an edge may fall on either side of it.
@@ -71,10 +71,12 @@ def test_closed_meshes_have_no_holes(level, dtype):
         assert covered.sum() > 5000
 
 
+SHEET = Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]], [[0, 1, 2], [0, 2, 3]])
+
+
 def test_every_pixel_on_a_common_edge_belongs_to_someone():
     # Two triangles over the whole image whose common diagonal passes through the pixel centres.
-    mesh = Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]], [[0, 1, 2], [0, 2, 3]])
-    found = rasterise(mesh, Orthographic(half_height=1.0), (64, 64))
+    found = rasterise(SHEET, Orthographic(half_height=1.0), (64, 64))
     assert np.all(np.asarray(found.covered))
     assert set(np.asarray(found.face)[::-1].diagonal()) <= {0, 1}
 
@@ -109,13 +111,17 @@ def test_perspective_sees_a_smaller_cap():
 def test_rays_pass_through_the_pixels_that_project(kind):
     camera, opening = CAMERAS[kind]
     camera, size = camera(**PLACE, **opening), (20, 31)
-    origins, directions = camera.rays(size, jnp.float64)
+
+    @eqx.filter_jit
+    def there_and_back(camera, distance):
+        origins, directions = camera.rays(size, jnp.float64)
+        points = origins + distance * directions
+        return origins, directions, camera.project(points, size).screen, camera.view(points)
+
+    origins, directions, screen, view = there_and_back(camera, np.random.default_rng(3).uniform(1, 6, size))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, rtol=1e-14)
-    distance = np.random.default_rng(3).uniform(1, 6, size)
-    points = origins + distance * directions
-    projected = camera.project(points, size)
-    np.testing.assert_allclose(projected.screen, pixel_centres(size, float), atol=1e-11)
-    np.testing.assert_allclose(camera.view(points), -directions, atol=1e-14)
+    np.testing.assert_allclose(screen, pixel_centres(size, float), atol=1e-11)
+    np.testing.assert_allclose(view, -directions, atol=1e-14)
     for mine, theirs in zip((origins, directions), camera_rays(*PLACE.values(), size, **opening), strict=True):
         np.testing.assert_allclose(np.moveaxis(mine, 0, -1), theirs, atol=1e-13)
 
@@ -132,10 +138,10 @@ def test_culling_drops_back_faces_and_nothing_else():
 
 
 def test_faces_behind_the_eye_are_not_drawn():
-    tetra = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]
-    mesh = Mesh(np.array(tetra) * 0.1 + [0, 0, 10], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    for camera in (Orthographic(), Perspective()):
-        assert not np.any(rasterise(mesh, camera, (32, 32), cull=False).covered)
+    for mesh, camera, size in ((SHEET, Orthographic(), (64, 64)), (icosphere(1), Perspective(), (41, 57))):
+        assert np.any(rasterise(mesh, camera, size).covered)
+        for faces in (mesh.faces, mesh.faces[:, ::-1]):
+            assert not np.any(rasterise(Mesh(mesh.vertices + np.array([0, 0, 10.0]), faces), camera, size).covered)
 
 
 @pytest.mark.slow

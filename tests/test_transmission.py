@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +28,11 @@ KINDS = ("ggx", "beckmann")
 needs_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None, reason="Mitsuba is not installed: pip install brdfcheck[mitsuba]"
 )
+
+
+# Compiled whole: operation by operation, each shape would compile dozens of small programs.
+values = eqx.filter_jit(lambda surface, wi, wo: (surface(wi, wo), reciprocal_form(surface)(wi, wo)))
+weights = eqx.filter_jit(lambda surface, cosine, below: surface.weights(cosine, below))
 
 
 def unit(random: np.random.Generator, count: int) -> np.ndarray:
@@ -128,13 +134,11 @@ def test_reciprocity_on_the_whole_sphere(kind, eta):
     random = np.random.default_rng(1)
     wi, wo = unit(random, 4000), unit(random, 4000)
     surface = RoughDielectric(0.4, eta, kind)
-    form = reciprocal_form(surface)
-    there, back = np.asarray(form(wi, wo)), np.asarray(form(wo, wi))
+    (plain, there), (swapped, back) = (map(np.asarray, values(surface, *pair)) for pair in ((wi, wo), (wo, wi)))
     np.testing.assert_allclose(there, back, rtol=1e-9, atol=1e-12)
     through = wi[:, 2] * wo[:, 2] < 0
     assert np.count_nonzero(there[through]) > 200
-    plain = np.asarray(surface(wi, wo)), np.asarray(surface(wo, wi))
-    assert not np.allclose(plain[0][through], plain[1][through])
+    assert not np.allclose(plain[through], swapped[through])
 
 
 @needs_mitsuba
@@ -159,7 +163,7 @@ def test_rough_dielectric_is_mitsubas(kind):
         wi[:, 2] = np.abs(wi[:, 2]) * (1 - 2 * below)
         theirs.plugin.put(theirs._values)
         expected = theirs.plugin.cosine_values(wi, wo, 1)[:, 0]
-        ours = np.asarray(surface(wi, wo)) * np.abs(wo[:, 2])
+        ours = np.asarray(values(surface, wi, wo)[0]) * np.abs(wo[:, 2])
         if kind == "beckmann":
             ours = ours * fitted(wi[:, 2]) * fitted(wo[:, 2]) / (masking(wi[:, 2]) * masking(wo[:, 2]))
         np.testing.assert_allclose(ours, expected, rtol=1e-5, atol=1e-5)
@@ -172,13 +176,14 @@ def test_rough_dielectric_is_mitsubas(kind):
 def test_smooth_boundary_is_fresnels_on_both_sides():
     surface, cosines = SmoothDielectric(1.5), np.linspace(0, 1, 41)
     for below, ratio in ((0.0, 1.5), (1.0, 1 / 1.5)):
-        reflected, passing = surface.weights(jnp.asarray(cosines), below)
+        reflected, passing = weights(surface, jnp.asarray(cosines), jnp.asarray(below))
         np.testing.assert_allclose(reflected, fresnel(cosines, ratio), atol=1e-14)
         np.testing.assert_allclose(reflected + passing, 1, atol=1e-15)
     # A ray and the one it is refracted to see the same boundary.
     inner = np.sqrt(1 - (1 - 0.4**2) / 1.5**2)
-    assert float(surface.weights(jnp.asarray(0.4), 0.0)[0]) == pytest.approx(float(surface.weights(jnp.asarray(inner), 1.0)[0]))
-    np.testing.assert_allclose(shares(surface, 0.4), np.array(surface.weights(jnp.asarray(0.4))).ravel(), rtol=1e-12)
+    outside, inside = (np.array(weights(surface, *map(jnp.asarray, ray))) for ray in ((0.4, 0.0), (inner, 1.0)))
+    assert outside[0] == pytest.approx(inside[0])
+    np.testing.assert_allclose(shares(surface, 0.4), outside, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("index", "clear"), [(1.5, 1.0), (1.5, 0.8), (1 / 1.3, 0.5), (1.5, 0.0)])

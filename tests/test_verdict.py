@@ -305,12 +305,12 @@ def test_python_and_the_command_line_take_the_same_things(tmp_path, capsys) -> N
     )
     module: dict[str, Any] = {}
     exec(file.read_text(), module)
-    spec = f"{file}:glossy"
+    spec, one_angle = f"{file}:glossy", {"effort": "quick", "cos_theta": (0.5, 0.5)}
     for target in (module["glossy"], brdfcheck.load(spec, n=(1, 4))):
-        report = check(target, n=(1, 3), effort="quick")
+        report = check(target, n=(1, 3), **one_angle)
         assert report.albedo == pytest.approx(0.15 * np.pi, abs=1e-9)
         assert report.ranges == {"n": (1, 3)}
-    held = check(spec, n=(1, 3), ks=(2, 2), effort="quick")
+    held = check(spec, n=(1, 3), ks=(2, 2), **one_angle)
     assert held.parameters == {"n": pytest.approx(3), "ks": 2}
     assert held.ranges == {"n": (1, 3), "ks": (2, 2)}
     for name, ranges, options, words in (
@@ -385,16 +385,14 @@ def test_a_new_check_is_a_row_and_is_shown_everywhere(monkeypatch, tmp_path, cap
     monkeypatch.setitem(CHECKS, "bright", bright)
     file = tmp_path / "mine.py"
     file.write_text("def grey(wi, wo):\n    return 0.1 + 0 * wi[..., 2] * wo[..., 2]\n")
-    report = check(f"{file}:grey", effort="quick")
-    assert [(found.name, found.passed) for found in report.checks] == [
-        ("reciprocal", True), ("positive", True), ("finite", True), ("bright", False),
-    ]  # fmt: skip
-    assert report.findings == ("dark: 0.31 at normal incidence",)
-    assert not report
     outputs = [str(tmp_path / name) for name in ("out.json", "out.xml")]
-    assert cli.run(["check", f"{file}:grey", "--effort", "quick", "--json", outputs[0], "--junitxml", outputs[1]]) == 1
+    words = ["--effort", "quick", "--cos-theta", "0.5", "--json", outputs[0], "--junitxml", outputs[1]]
+    assert cli.run(["check", f"{file}:grey", *words]) == 1
     written = capsys.readouterr()
     shown = [written.out + written.err, *(Path(name).read_text() for name in outputs)]
     assert all("dark: 0.31 at normal incidence" in text for text in shown)
-    (row,) = [row for row in json.loads(shown[1])["results"][0]["checks"] if row["name"] == "bright"]
-    assert row == {"name": "bright", "value": pytest.approx(np.pi / 10), "passed": False, "words": report.findings[0]}
+    (result,) = json.loads(shown[1])["results"]
+    *others, row = result["checks"]
+    assert [(one["name"], one["passed"]) for one in others] == [("reciprocal", True), ("positive", True), ("finite", True)]
+    assert result["findings"] == ["dark: 0.31 at normal incidence"]
+    assert row == {"name": "bright", "value": pytest.approx(np.pi / 10), "passed": False, "words": result["findings"][0]}
