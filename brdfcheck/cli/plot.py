@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -192,8 +193,12 @@ def _curves(settings: _Settings, output: Output) -> list[Curve]:
     if files and not names and not any(os.path.isdir(file) for file in files):
         _refuse_options(settings, fits)
     if names or any(fits.values()):
+        from brdfcheck.brdf.subject import spread
+
         start()
-        found |= _computed(names, fits, settings, output)
+        modules: dict[str, ModuleType] = {}
+        everything = list(dict.fromkeys(part for name in everything for part in spread(name, modules)))
+        found |= _computed([name for name in everything if name not in files], modules, fits, settings, output)
     return [curve for name in everything for curve in found[name]]
 
 
@@ -220,13 +225,17 @@ def _refuse_options(settings: _Settings, fits: Mapping[str, Sequence[Any]]) -> N
 
 
 def _computed(
-    names: Sequence[str], fits: Mapping[str, Sequence[Mapping[str, Any]]], settings: _Settings, output: Output
+    names: Sequence[str],
+    modules: dict[str, ModuleType],
+    fits: Mapping[str, Sequence[Mapping[str, Any]]],
+    settings: _Settings,
+    output: Output,
 ) -> dict[str, list[Curve]]:
-    """The curves of BRDFs and of fitted factors."""
+    """The curves of BRDFs, whose users' files are in `modules` if they are loaded, and of fitted factors."""
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 
-    targets = resolve(names, settings.over, settings.cos_theta, settings.how) if names else []
+    targets = resolve(names, settings.over, settings.cos_theta, settings.how, modules) if names else []
     start()  # a user's file may have changed the precision
     for target in targets:
         if target.finding is not None:
