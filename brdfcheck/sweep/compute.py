@@ -199,11 +199,11 @@ def _inputs(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
     program = plan.program(chunk)
     dtype = np.dtype(float) if program.rule.on_host else program.dtype
     if program.table:
-        columns = {"cos_theta": plan.numbers["cos_theta"].values[plan.along("cos_theta", chunk)]}
+        columns = {"cos_theta": plan.numbers["cos_theta"].values[chunk.along("cos_theta")]}
         length = next((axis.chunk for axis in plan.dimensions if axis.name == "cos_theta"), 1)
     else:
-        places = np.meshgrid(*(np.arange(part.start, part.stop) for part in chunk.slices), indexing="ij", sparse=True)
-        at = {axis.name: place for axis, place in zip(plan.dimensions, places, strict=True)}
+        places = np.meshgrid(*(np.arange(part.start, part.stop) for part in chunk.parts.values()), indexing="ij", sparse=True)
+        at = dict(zip(chunk.parts, places, strict=True))
         columns = {
             name: np.broadcast_to(axis.values[at.get(name, 0)], chunk.shape).ravel() for name, axis in plan.numbers.items()
         }
@@ -216,14 +216,14 @@ def _inputs(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
 
 def _outputs(plan: Plan, chunk: Chunk, value: Any, error: Any, count: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Albedo, error and evaluations in the shape of a chunk, from those of its program."""
-    table, names = plan.program(chunk).table, [axis.name for axis in plan.dimensions]
+    table, names = plan.program(chunk).table, list(chunk.parts)
 
     def placed(part: Any) -> np.ndarray:
         part = np.asarray(part)
         if not table:
             part = part[: chunk.cells]
         else:
-            cosines = plan.along("cos_theta", chunk)
+            cosines = chunk.along("cos_theta")
             part = part[:, : cosines.stop - cosines.start]
             if "cos_theta" in names and names.index("cos_theta") < names.index("n"):
                 part = np.swapaxes(part, 0, 1)
@@ -240,7 +240,7 @@ def _cells(program: Program) -> Callable:
 
 
 def _table(plan: Plan, program: Program, chunk: Chunk) -> Callable:
-    exponents = plan.numbers["n"].values[plan.along("n", chunk)]
+    exponents = plan.numbers["n"].values[chunk.along("n")]
     held = {name: float(axis.values[0]) for name, axis in plan.numbers.items() if name not in (*ANGLES, "n")}
 
     def family(n: Any) -> Any:

@@ -29,19 +29,23 @@ _CHUNKS = 32
 
 @dataclass(frozen=True)
 class Chunk:
-    """One chunk: its number in C order, its place in the grid of chunks, and its part of each dimension."""
+    """One chunk: its number in C order, its place in the grid of chunks, and its part of each dimension, by name."""
 
     index: int
     place: tuple[int, ...]
-    slices: tuple[slice, ...]
+    parts: Mapping[str, slice]
 
     @property
     def shape(self) -> tuple[int, ...]:
-        return tuple(part.stop - part.start for part in self.slices)
+        return tuple(part.stop - part.start for part in self.parts.values())
 
     @property
     def cells(self) -> int:
         return math.prod(self.shape)
+
+    def along(self, name: str) -> slice:
+        """Its part of any axis, held ones included."""
+        return self.parts.get(name, slice(0, 1))
 
 
 class Plan:
@@ -133,25 +137,21 @@ class Plan:
     def chunk(self, index: int) -> Chunk:
         """The chunk of that number, in C order."""
         place = tuple(int(i) for i in np.unravel_index(index, self.grid)) if self.grid else ()
-        slices = tuple(
-            slice(i * axis.chunk, min((i + 1) * axis.chunk, len(axis))) for i, axis in zip(place, self.dimensions, strict=True)
-        )
-        return Chunk(index, place, slices)
-
-    def along(self, name: str, chunk: Chunk) -> slice:
-        """A chunk's part of an axis."""
-        parts = {axis.name: part for axis, part in zip(self.dimensions, chunk.slices, strict=True)}
-        return parts.get(name, slice(0, 1))
+        parts = {
+            axis.name: slice(i * axis.chunk, min((i + 1) * axis.chunk, len(axis)))
+            for i, axis in zip(place, self.dimensions, strict=True)
+        }
+        return Chunk(index, place, parts)
 
     def program(self, chunk: Chunk) -> Program:
         """What computes a chunk."""
-        return self._programs[tuple(self.along(name, chunk).start for name in self._static)]
+        return self._programs[tuple(chunk.along(name).start for name in self._static)]
 
     def compiled(self, chunk: Chunk) -> tuple[Any, ...]:
         """What is compiled for a chunk depends on this: chunks that share it can be computed side by side."""
         program = self.program(chunk)
         # The nodes of a table follow from its exponents.
-        return program.place, self.along("n", chunk).start if program.table else None
+        return program.place, chunk.along("n").start if program.table else None
 
     def pieces(self) -> Iterator[tuple[Program, tuple[range, ...]]]:
         """For all that is compiled in turn, its program, and along each dimension which chunks it computes."""
