@@ -79,7 +79,7 @@ class Computer:
             parts = [_inputs(self.plan, chunk) for chunk in wave]
             if self.plan.program(wave[0]).rule.on_host:
                 return [self._on_the_host(chunk, part) for chunk, part in zip(wave, parts, strict=True)]
-            inputs = self._stacked(parts)
+            inputs = self._placed(parts)
             with self._lock:
                 key = self.plan.compiled(wave[0])
                 if key not in self._compiled:
@@ -91,7 +91,7 @@ class Computer:
                 self._compiled.move_to_end(key)
                 compiled = self._compiled[key]
             began = time.perf_counter()
-            outputs = self._run(compiled, inputs)
+            outputs = _run(compiled, inputs)
             seconds = time.perf_counter() - began
             return [
                 Result(chunk.index, *_outputs(self.plan, chunk, *(output[i] for output in outputs)), seconds)
@@ -116,26 +116,22 @@ class Computer:
                 middle = time.perf_counter()
                 self._integrals(program, part)
             else:
-                width, inputs = self.width, self._stacked([part])
+                width, inputs = self.width, self._placed([part])
                 compiled = self._compile(chunk, inputs)
-                self._run(compiled, inputs)
+                _run(compiled, inputs)
                 middle = time.perf_counter()
-                self._run(compiled, inputs)
+                _run(compiled, inputs)
             return middle - began, (time.perf_counter() - middle) / (count * width)
 
     # --- on the devices ---
 
-    def _stacked(self, parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        """The inputs of a wave, filled up with the last ones."""
+    def _placed(self, parts: list[dict[str, np.ndarray]]) -> dict[str, jax.Array]:
+        """The inputs of a wave on the devices, filled up with the last ones."""
         parts = parts + [parts[-1]] * (self.width - len(parts))
-        return {name: np.stack([part[name] for part in parts]) for name in parts[0]}
-
-    def _run(self, compiled: Callable, inputs: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
         sharding = NamedSharding(self.mesh, PartitionSpec(_AXIS))
-        outputs = compiled({name: jax.device_put(values, sharding) for name, values in inputs.items()})
-        return tuple(np.asarray(output) for output in outputs)
+        return {name: jax.device_put(np.stack([part[name] for part in parts]), sharding) for name in parts[0]}
 
-    def _compile(self, chunk: Chunk, inputs: dict[str, np.ndarray]) -> Callable:
+    def _compile(self, chunk: Chunk, inputs: dict[str, jax.Array]) -> Callable:
         program = self.plan.program(chunk)
         function = _table(self.plan, program, chunk) if program.table else _cells(program)
 
@@ -145,10 +141,8 @@ class Computer:
             return tuple(jnp.asarray(part)[None] for part in (answer.value, answer.error, answer.evaluations))
 
         part = PartitionSpec(_AXIS)
-        sharding = NamedSharding(self.mesh, part)
-        shapes = {name: jax.ShapeDtypeStruct(values.shape, values.dtype, sharding=sharding) for name, values in inputs.items()}
         sharded = jax.shard_map(of_one, mesh=self.mesh, in_specs=(part,), out_specs=part, check_vma=False)
-        return jax.jit(sharded).lower(shapes).compile()
+        return jax.jit(sharded).lower(inputs).compile()
 
     # --- on the host ---
 
@@ -185,6 +179,10 @@ class Computer:
         return found[program.place]
 
 
+def _run(compiled: Callable, inputs: dict[str, jax.Array]) -> tuple[np.ndarray, ...]:
+    return tuple(np.asarray(output) for output in compiled(inputs))
+
+
 def _rounded(evaluate: Callable, dtype: np.dtype) -> Callable:
     """The function with its values rounded to `dtype`: the error bars then say so."""
     return evaluate if dtype == np.float64 else lambda wi, wo: evaluate(wi, wo).astype(dtype)
@@ -200,7 +198,7 @@ def _inputs(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
     dtype = np.dtype(float) if program.rule.on_host else program.dtype
     if program.table:
         columns = {"cos_theta": plan.numbers["cos_theta"].values[chunk.along("cos_theta")]}
-        length = next((axis.chunk for axis in plan.dimensions if axis.name == "cos_theta"), 1)
+        length = plan.numbers["cos_theta"].chunk
     else:
         places = np.meshgrid(*(np.arange(part.start, part.stop) for part in chunk.parts.values()), indexing="ij", sparse=True)
         at = dict(zip(chunk.parts, places, strict=True))

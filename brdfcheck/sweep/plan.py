@@ -85,6 +85,7 @@ class Plan:
         self.sources = subjects.source_files(self._sources)
         self.held = tuple(axis for axis in axes if axis.held)
         self.dimensions = self._cut([axis for axis in axes if not axis.held])
+        self.numbers |= {axis.name: axis for axis in self.dimensions if not axis.static}
         self.shape = tuple(map(len, self.dimensions))
         self.chunk_shape = tuple(axis.chunk for axis in self.dimensions)
         self.grid = tuple(axis.chunks for axis in self.dimensions)
