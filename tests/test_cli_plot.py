@@ -94,6 +94,15 @@ def test_names_with_different_ranges_share_one(run: Run, here: Path) -> None:
     assert out.startswith("n=1:1000, the range that all have")
 
 
+def test_all_that_a_file_offers(run: Run, here: Path) -> None:
+    """As `check` takes it; what is named twice is there once."""
+    flat = "def {}(wi, wo):\n    return 0.25 + 0 * wo[..., 2]\n"
+    (here / "flat.py").write_text(flat.format("one") + flat.format("two"))
+    code, out, err = run("plot", "albedo-vs-angle", "flat.py:*", "phong", "flat.py:two", "--n", "3", *SMALL, "--json", "r.json")
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert [line.split("  ")[0] for line in out.splitlines()[:-2]] == ["flat.py:one", "flat.py:two", "phong n=3"]
+
+
 def test_a_fit_and_a_sweep(run: Run, here: Path) -> None:
     result = {"name": "blinn-phong", "objective": "minimax", "n": [1, 100], "factor": {"form": "Factor", "A": 8.0, "B": 26.7}}
     document = {"schema": "brdfcheck-results", "schema_version": 1, "command": "fit", "results": [result]}

@@ -320,6 +320,6 @@ def test_the_choices_are_those_of_what_does_the_work() -> None:
     assert get_args(fit.Objective) == tuple(factor.OBJECTIVES)
     assert get_args(fit.Sampling) == tuple(factor.SAMPLINGS)
     assert tuple(fit.Kind) == ("glsl", "c", *table_files.KINDS)
-    assert get_args(plot.Kind) == plots.KINDS
+    assert get_args(plot.Kind) == tuple(plots.KINDS)
     assert get_args(render.Quality) == tuple(canvas.QUALITIES)
     assert get_args(study.Size) == studies.SIZES

@@ -194,6 +194,21 @@ def test_stores_of_sweeps(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_a_damaged_chunk_matters_where_it_is_read(tmp_path):
+    """A store may be larger than the memory: only what is asked for is read."""
+    import xarray
+
+    n, mu, values = grid()
+    data = xarray.DataArray(values, dims=("n", "cos_theta"), coords={"n": n, "cos_theta": mu}).to_dataset(name="albedo")
+    data.to_zarr(tmp_path / "s", consolidated=False, zarr_format=3, encoding={"albedo": {"chunks": (1, 11)}})
+    (tmp_path / "s/albedo/c/30/0").write_bytes(b"damaged")
+    (curve,) = curve_files.from_store(str(tmp_path / "s"), "albedo-vs-n", n=(1, 100))
+    np.testing.assert_allclose(curve["albedo"], values[:21].max(axis=1), rtol=1e-11)
+    with pytest.raises(UsageError, match=r"s: cannot read the store: \w+: "):
+        curve_files.from_store(str(tmp_path / "s"), "albedo-vs-n")
+
+
+@pytest.mark.filterwarnings("ignore")
 def test_stores_over_other_parameters(tmp_path):
     """The longest dimension of numbers takes the place of n and is called by its name; the others make curves."""
     import xarray

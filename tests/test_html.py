@@ -26,6 +26,7 @@ from brdfcheck.cli.output import has_display
 from brdfcheck.fits.slices import AZIMUTH, Axis, Slices, slices
 from brdfcheck.output.html import Entry, heading, page
 from brdfcheck.output.html.tables import NO_VALUE, encoded, squeezed, table_object
+from brdfcheck.sweep.pages import sweep_page
 from brdfcheck.verdict import Report, Verdict
 from brdfcheck.verdict.parts import Check, SideChecks, Witness
 
@@ -248,6 +249,29 @@ def test_sweep_writes_a_page(run: Any, here: Path) -> None:
     codes = np.frombuffer(base64.b64decode(entries[1]["tables"][""][0]), "<u2").reshape(48, 5)
     values = 1 + np.sinh(entries[1]["low"] + (entries[1]["high"] - entries[1]["low"]) * codes / (NO_VALUE - 1)) / 10
     assert values[at, entries[1]["angles"]["at"]] == pytest.approx(largest, abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_page_of_a_sweep_with_bars_without_end(tmp_path: Path) -> None:
+    """A bar that is infinite is a number of the page, but for what is drawn as no number anyway; channels have tables each."""
+    import xarray
+
+    shape, dims = (3, 2, 4, 2), ("n", "k", "cos_theta", "channel")
+    albedo, error = np.linspace(0.1, 2.4, 48).reshape(shape), np.full(shape, 1e-3)
+    albedo[0, 0, 1] = np.nan
+    error[0, 0, 1] = error[2, 1, 3, 0] = np.inf
+    data = xarray.Dataset(
+        {"albedo": (dims, albedo), "error": (dims, error)},
+        {"n": [1.0, 10.0, 100.0], "k": [4, 8], "cos_theta": [0.4, 0.1, 1.0, 0.7]},
+    )
+    data.to_zarr(tmp_path / "s", consolidated=False, zarr_format=3)
+    (entry,) = json.loads(re.findall(r'id="data">(.*?)</script>', sweep_page(tmp_path / "s"), re.DOTALL)[0])
+    assert entry["errors"] == {"0": 1e-3, "1": 1e300}
+    span = entry["high"] - entry["low"]
+    for k, tables in entry["tables"].items():
+        codes = np.stack([np.frombuffer(base64.b64decode(table), "<u2").reshape(3, 4) for table in tables], axis=-1)
+        values = np.where(codes == NO_VALUE, np.nan, 1 + np.sinh(entry["low"] + span * (codes / (NO_VALUE - 1))) / 10)
+        np.testing.assert_allclose(values, albedo[:, int(k)][:, [2, 3, 0, 1]], atol=1e-4)
 
 
 # --- the script ---

@@ -776,11 +776,11 @@ def test_programs_and_chunks_are_counted_as_they_are_run(there):
     ):  # fmt: skip
         plan = Plan(parse(document))
         chunks = [plan.chunk(index) for index in range(plan.chunks)]
-        assert sum(plan.cells_of(places) for _, places in plan.programs()) == plan.cells
-        expected = sorted((chunk for chunk in chunks if chunk.index not in there), key=plan.program)
+        assert sum(plan.cells_of(places) for _, places in plan.pieces()) == plan.cells
+        expected = sorted((chunk for chunk in chunks if chunk.index not in there), key=plan.compiled)
         assert list(plan.missing(there)) == expected
         for wave in plan.waves(plan.missing(there), 3):
-            assert len({plan.program(chunk) for chunk in wave}) == 1
+            assert len({plan.compiled(chunk) for chunk in wave}) == 1
 
 
 @pytest.mark.parametrize(

@@ -28,14 +28,15 @@ form = "mirror"
 cos_theta = 2
 """)
     plan = Plan(read_config(tmp_path / "c.toml"))
-    assert [dimension.name for dimension in plan.dimensions] == ["precision", "n", "k", "cos_theta"]
+    assert [axis.name for axis in plan.dimensions] == ["precision", "n", "k", "cos_theta"]
     assert plan.shape == (2, 4, 2, 5)
     assert plan.grid[2:] == (2, 3)
-    np.testing.assert_allclose(plan.values("n"), [1, 10, 100, 1000], rtol=1e-15)
-    np.testing.assert_array_equal(plan.values("cos_theta"), [0, 0.25, 0.5, 0.75, 1])
-    assert plan.values("k").dtype == np.int64
-    assert list(plan.held) == ["brdf", "rule", "form"]
-    assert plan.settings((0, 0, 1, 1, 0)) == {
+    _, n, k, mu = plan.dimensions
+    np.testing.assert_allclose(n.values, [1, 10, 100, 1000], rtol=1e-15)
+    np.testing.assert_array_equal(mu.values, [0, 0.25, 0.5, 0.75, 1])
+    assert k.values.dtype == np.int64
+    assert [axis.name for axis in plan.held] == ["brdf", "rule", "form"]
+    assert plan.program(plan.chunk(plan.chunks - 1)).settings == {
         "brdf": "BinomialPower", "rule": "zonal", "precision": "float64", "k": 16, "form": "mirror",
     }  # fmt: skip
 
@@ -199,8 +200,8 @@ def test_users_brdfs_are_found_beside_the_configuration(tmp_path):
     (tmp_path / "mine.py").write_text(USER)
     for name, on_host in (("mine.py:glossy", True), ("mine.py:lobe", False), ("mine.py:plain", True)):
         plan = Plan(parse({"brdf": name, "axes": GOOD["axes"]}, folder=tmp_path))
-        method = plan.method((0,) * len(plan.static))
-        assert (method.rule.on_host, method.table) == (on_host, not on_host)
+        program = plan.program(plan.chunk(0))
+        assert (program.rule.on_host, program.table) == (on_host, not on_host)
         assert list(plan.document()["files"]["mine.py"]) == ["mine.py"]
 
 

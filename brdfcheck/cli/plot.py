@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -21,6 +22,7 @@ from brdfcheck.messages import UsageError, one_line
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from brdfcheck.brdf.family import Family
     from brdfcheck.brdf.subject import Target
 
 Curve = dict[str, Any]
@@ -189,8 +191,12 @@ def _curves(settings: _Settings, output: Output) -> list[Curve]:
     if files and not names and not any(os.path.isdir(file) for file in files):
         _refuse_options(settings, fits)
     if names or any(fits.values()):
+        from brdfcheck.brdf.subject import spread
+
         start()
-        found |= _computed(names, fits, settings, output)
+        modules: dict[str, ModuleType] = {}
+        everything = list(dict.fromkeys(part for name in everything for part in spread(name, modules)))
+        found |= _computed([name for name in everything if name not in files], modules, fits, settings, output)
     return [curve for name in everything for curve in found[name]]
 
 
@@ -217,30 +223,31 @@ def _refuse_options(settings: _Settings, fits: Mapping[str, Sequence[Any]]) -> N
 
 
 def _computed(
-    names: Sequence[str], fits: Mapping[str, Sequence[Mapping[str, Any]]], settings: _Settings, output: Output
+    names: Sequence[str],
+    modules: dict[str, ModuleType],
+    fits: Mapping[str, Sequence[Mapping[str, Any]]],
+    settings: _Settings,
+    output: Output,
 ) -> dict[str, list[Curve]]:
-    """The curves of BRDFs and of fitted factors."""
+    """The curves of BRDFs, whose users' files are in `modules` if they are loaded, and of fitted factors."""
     from brdfcheck.brdf.subject import resolve
     from brdfcheck.output import curves
 
-    targets = resolve(names, settings.over, settings.cos_theta, settings.how) if names else []
+    targets = resolve(names, settings.over, settings.cos_theta, settings.how, modules) if names else []
     start()  # a user's file may have changed the precision
     for target in targets:
         if target.finding is not None:
             raise UsageError(f"{target.family.name}: {one_line(target.finding)}")
-    jobs: dict[str, list[Callable[[], Curve]]]
+    families = [target.family for target in targets]
     if settings.kind == "albedo-vs-angle":
-        jobs = {name: _over_angles(target, len(targets), settings) for name, target in zip(names, targets, strict=True)}
+        members = [_over_angles(family, len(families), settings) for family in families]
     else:
-        families = _common_ranges([target.family for target in targets], settings, output)
-        compute = curves.KINDS[settings.kind]
-        jobs = {
-            name: [
-                partial(_of_target, compute, part, target, which, samples=settings.samples)
-                for which, part in curves.switched(family).items()
-            ]
-            for name, family, target in zip(names, families, targets, strict=True)
-        }
+        members = [list(curves.switched(family).items()) for family in _common_ranges(families, settings, output)]
+    compute = partial(curves.KINDS[settings.kind], samples=settings.samples)
+    jobs: dict[str, list[Callable[[], Curve]]] = {
+        name: [partial(_of_target, compute, member, target, which) for which, member in parts]
+        for name, target, parts in zip(names, targets, members, strict=True)
+    }
     jobs |= {file: [partial(_of_fit, file, result, settings) for result in results] for file, results in fits.items()}
     found: dict[str, list[Curve]] = {}
     with output.progress(sum(map(len, jobs.values())), "computing") as advance:
@@ -252,34 +259,32 @@ def _computed(
     return found
 
 
-def _of_target(compute: Callable[..., Curve], family: Any, target: Target, which: str = "", /, **options: Any) -> Curve:
-    curve = compute(family, **options)
+def _of_target(compute: Callable[..., Curve], member: Family, target: Target, which: str) -> Curve:
+    curve = compute(member)
     curve |= {"label": f"{curve['name']} {which}"} if which else {}
     return {**curve, "held": {**target.family.held, **curve["held"]}, "origin": "user" if target.file else "catalog"}
 
 
-def _over_angles(target: Target, count: int, settings: _Settings) -> list[Callable[[], Curve]]:
+def _over_angles(family: Family, count: int, settings: _Settings) -> list[tuple[str, Family]]:
     """One curve for each value of the parameter: those asked for, or a few round ones."""
     from brdfcheck.output import curves
 
-    family = target.family
     with asked():
         parameter = curves.swept_parameter(family)
-    places: list[dict[str, float]] = [{}]
     if settings.values is not None and "n" in family.ranges:
-        places = [{"n": value} for value in settings.values]
-    elif parameter is not None:
+        parameter, chosen = "n", settings.values
+    elif parameter is None:
+        return [("", family)]
+    else:
         most = max(_MOST_CURVES // count, 1)
         low, high = family.ranges[parameter]
         chosen = [low, high] if parameter in family.switches else curves.round_values(low, high, min(max(most, 3), 5))
         if most < 3:
             chosen = chosen[:most] if most == 2 else chosen[len(chosen) // 2 :][:1]
-        places = [{parameter: value} for value in chosen]
-    compute = partial(_of_target, curves.albedo_vs_angle, family, target, samples=settings.samples)
-    return [partial(compute, **place) for place in places]
+    return [("", replace(family, ranges={**family.ranges, parameter: (value, value)})) for value in chosen]
 
 
-def _common_ranges(families: Sequence[Any], settings: _Settings, output: Output) -> list[Any]:
+def _common_ranges(families: Sequence[Family], settings: _Settings, output: Output) -> list[Family]:
     """The families over the part of the parameter's range that all of them have, where no range was asked for."""
     parameters = {name for family in families for name, (low, high) in family.ranges.items() if low < high}
     if len(families) < 2 or len(parameters) != 1 or settings.kind == "heatmap" or parameters & set(settings.over):

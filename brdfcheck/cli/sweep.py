@@ -138,9 +138,9 @@ def _faults(numbers: int, summary: Summary) -> str:
 
 
 def _description(plan: Plan) -> Iterator[str]:
-    shape = " x ".join(f"{dimension.name} {len(dimension)}" for dimension in plan.dimensions) or "one cell"
-    held = "".join(f", {name} = {plan.values(name)[0]}" for name in plan.held)
-    pieces = " x ".join(str(dimension.chunk) for dimension in plan.dimensions) or "1"
+    shape = " x ".join(f"{axis.name} {len(axis)}" for axis in plan.dimensions) or "one cell"
+    held = "".join(f", {axis.name} = {axis.values[0]}" for axis in plan.held)
+    pieces = " x ".join(str(axis.chunk) for axis in plan.dimensions) or "1"
     channels = "" if plan.channels is None else f", {plan.channels} channels"
     yield f"axes      {shape}{channels}{held}"
     yield f"cells     {plan.cells} in {plan.chunks} {'chunk' if plan.chunks == 1 else 'chunks'} of {pieces}"

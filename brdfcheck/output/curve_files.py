@@ -5,10 +5,11 @@ What is wrong with a file is a `UsageError` in one line that names it.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ Curve = dict[str, Any]
 
 _ABOVE = 1 + TOLERANCE
 _MOST = 40  # curves from one store
+_MAXIMISED = ("azimuth", "channel")  # of which the largest albedo counts
 _NEEDED = {
     "albedo-vs-n": ("parameter", "range", "x", "albedo"),
     "albedo-vs-angle": ("at", "x", "albedo"),
@@ -146,7 +148,6 @@ def from_grid(
     Ends of intervals are interpolated between the samples.
     """
     known = np.where(np.isnan(values), -np.inf, values)
-    row, column = (int(i) for i in np.unravel_index(int(np.argmax(known)), known.shape))
     base: Curve = {
         "name": name,
         "label": label,
@@ -157,44 +158,38 @@ def from_grid(
         "held": {},
         "cos_theta": [float(mu[0]), float(mu[-1])],
         "verdict": None,
+        "kind": kind,
     }
 
-    def largest(i: int, j: int) -> Curve:
-        at = {parameter: float(x[i])}
-        return {"largest": {"albedo": number(values[i, j]), "error": None, "at": at, "cos_theta": float(mu[j])}}
-
-    if kind == "albedo-vs-n":
-        top = np.max(known, axis=1)
-        top = np.where(np.isinf(top) & (top < 0), np.nan, top)
-        above = _crossings(x, top)
-        worst = np.where(np.isnan(top), np.nan, mu[np.argmax(known, axis=1)])
-        curve = {"x": rounded(x), "albedo": rounded(top), "worst_cos_theta": rounded(worst)}
-        return [{**base, "kind": kind, **curve, "above": above, **largest(row, column)}]
-    if kind == "heatmap":
-        curve = {"x": rounded(x), "cosines": rounded(mu), "albedo": [rounded(line) for line in values]}
-        above = _crossings(x, np.max(known, axis=1))
-        few = len(x) < 2 or len(mu) < 2
-        return [] if few else [{**base, "kind": kind, **curve, "above": above, **largest(row, column)}]
-    if kind != "albedo-vs-angle":
-        return []
-    if wanted is None:
-        rows_shown = np.unique(np.linspace(0, len(x) - 1, 5).round().astype(int)).tolist()
-    else:
-        rows_shown = list(dict.fromkeys(int(np.argmin(np.abs(x - value))) for value in wanted))
-    return [
-        {
-            **base,
-            "kind": kind,
-            "parameter": None,
-            "range": None,
+    def curve(axis: np.ndarray, top: np.ndarray, peak: Sequence[Any], **columns: Any) -> Curve:
+        """What is above 1 along the axis, and largest at the peak."""
+        i, j = peak
+        largest = {
+            "albedo": number(float(values[i, j])),
+            "error": None,
             "at": {parameter: float(x[i])},
-            "x": rounded(mu),
-            "albedo": rounded(values[i]),
-            "above": _crossings(mu, values[i]),
-            **largest(i, int(np.argmax(known[i]))),
+            "cos_theta": float(mu[j]),
         }
-        for i in rows_shown
-    ]
+        return {**base, **columns, "above": _crossings(axis, top), "largest": largest}
+
+    if kind == "albedo-vs-angle":
+        if wanted is None:
+            rows_shown = np.unique(np.linspace(0, len(x) - 1, 5).round().astype(int)).tolist()
+        else:
+            rows_shown = list(dict.fromkeys(int(np.argmin(np.abs(x - value))) for value in wanted))
+        base |= {"parameter": None, "range": None}
+        return [
+            curve(mu, row, (i, np.argmax(known[i])), at={parameter: float(x[i])}, x=rounded(mu), albedo=rounded(row))
+            for i, row in zip(rows_shown, values[rows_shown], strict=True)
+        ]
+    peak, top = np.unravel_index(np.argmax(known), known.shape), np.max(known, axis=1)
+    top = np.where(np.isneginf(top), np.nan, top)
+    if kind == "albedo-vs-n":
+        worst = np.where(np.isnan(top), np.nan, mu[np.argmax(known, axis=1)])
+        return [curve(x, top, peak, x=rounded(x), albedo=rounded(top), worst_cos_theta=rounded(worst))]
+    if kind != "heatmap" or min(known.shape) < 2:
+        return []
+    return [curve(x, top, peak, x=rounded(x), cosines=rounded(mu), albedo=[rounded(line) for line in values])]
 
 
 def rounded(values: Any, digits: int = 12) -> list[Any]:
@@ -242,39 +237,39 @@ def from_store(
     """
     if kind == "factor":
         raise UsageError(f"{path}: a sweep holds albedos; plot its factors by the names of the BRDFs")
-    table = _table(path)
-    for axis in ("azimuth", "channel"):
-        if axis in table.dims:
-            table = table.max(axis, skipna=False)  # the largest of some and an unknown one is unknown
-    parameter = _parameter(table)
-    if parameter is None or "cos_theta" not in table.dims:
-        have = ", ".join(map(str, table.dims)) or "none"
-        raise UsageError(f"{path}: a plot of a sweep needs the dimension cos_theta and one of numbers, as n; it has {have}")
-    if parameter != "n" and (n is not None or wanted is not None):
-        raise UsageError(f"{path}: --n is for sweeps over n; this one is over {parameter}")
-    for name, bounds in ((parameter, n), ("cos_theta", cos_theta)):
-        table = table.sortby(name)
-        if bounds is not None:
-            table = table.sel({name: (table[name] >= bounds[0]) & (table[name] <= bounds[1])})
-            if not table.sizes[name]:
-                raise UsageError(f"{path}: holds no {name} within {bounds[0]:g}:{bounds[1]:g}")
-    others = [str(axis) for axis in table.dims if axis not in (parameter, "cos_theta")]
-    count = math.prod(table.sizes[axis] for axis in others)
-    if count > _MOST:
-        raise UsageError(f"{path}: {count} curves over {', '.join(others)} are too many for one figure (at most {_MOST})")
-    stem = Path(path).resolve().name.removesuffix(".zarr")
-    x, mu = (np.asarray(table[name].values, float) for name in (parameter, "cos_theta"))
-    curves: list[Curve] = []
-    for index in np.ndindex(*(table.sizes[axis] for axis in others)):
-        part = table.isel(dict(zip(others, index, strict=True)))
-        values = np.asarray(part.transpose(parameter, "cos_theta").values, float)
-        if np.all(np.isnan(values)):
-            continue
-        label = _label(
-            stem,
-            [(axis, part.coords[axis].item() if axis in part.coords else i) for axis, i in zip(others, index, strict=True)],
-        )
-        curves += from_grid(kind, label, parameter, x, mu, values, label=label, wanted=wanted)
+    with _opened(path) as data:
+        table = data["albedo"]
+        parameter = _parameter(table)
+        if parameter is None or "cos_theta" not in table.dims:
+            have = ", ".join(str(axis) for axis in table.dims if axis not in _MAXIMISED) or "none"
+            raise UsageError(f"{path}: a plot of a sweep needs the dimension cos_theta and one of numbers, as n; it has {have}")
+        if parameter != "n" and (n is not None or wanted is not None):
+            raise UsageError(f"{path}: --n is for sweeps over n; this one is over {parameter}")
+        for name, bounds in ((parameter, n), ("cos_theta", cos_theta)):
+            table = table.sortby(name)
+            if bounds is not None:
+                table = table.sel({name: (table[name] >= bounds[0]) & (table[name] <= bounds[1])})
+                if not table.sizes[name]:
+                    raise UsageError(f"{path}: holds no {name} within {bounds[0]:g}:{bounds[1]:g}")
+        others = [str(axis) for axis in table.dims if axis not in (parameter, "cos_theta", *_MAXIMISED)]
+        count = math.prod(table.sizes[axis] for axis in others)
+        if count > _MOST:
+            raise UsageError(f"{path}: {count} curves over {', '.join(others)} are too many for one figure (at most {_MOST})")
+        x, mu = (np.asarray(table[name].values, float) for name in (parameter, "cos_theta"))
+        curves: list[Curve] = []
+        for index in np.ndindex(*(table.sizes[axis] for axis in others)):
+            part = table.isel(dict(zip(others, index, strict=True)))
+            with _damage_told(path):
+                part.load()
+            # The largest of some and an unknown one is unknown.
+            values = part.max([axis for axis in _MAXIMISED if axis in part.dims], skipna=False)
+            values = np.asarray(values.transpose(parameter, "cos_theta").values, float)
+            if not np.all(np.isnan(values)):
+                place = {
+                    axis: part.coords[axis].item() if axis in part.coords else i for axis, i in zip(others, index, strict=True)
+                }
+                label = _label(place) or Path(path).resolve().name.removesuffix(".zarr")
+                curves += from_grid(kind, label, parameter, x, mu, values, label=label, wanted=wanted)
     if not curves:
         few = kind == "heatmap" and min(len(x), len(mu)) < 2
         raise UsageError(
@@ -289,33 +284,35 @@ def _parameter(table: Any) -> str | None:
     numeric = [
         str(axis)
         for axis in table.dims
-        if axis not in ("cos_theta", "rtol") and axis in table.coords and table.coords[axis].dtype.kind in "fiu"
+        if axis not in ("cos_theta", "rtol", *_MAXIMISED) and axis in table.coords and table.coords[axis].dtype.kind in "fiu"
     ]
     return "n" if "n" in numeric else max(numeric, key=lambda axis: table.sizes[axis], default=None)
 
 
-def _label(stem: str, place: Sequence[tuple[str, Any]]) -> str:
+def _label(place: Mapping[str, Any]) -> str:
     """What a curve of a store is called: BRDFs by their names, other dimensions by name and value."""
-    words = [str(value) if isinstance(value, str) else f"{axis}={value:g}" for axis, value in place]
-    return ", ".join(words) or stem
+    return ", ".join(str(value) if isinstance(value, str) else f"{axis}={value:g}" for axis, value in place.items())
 
 
-def _table(path: str) -> Any:
-    """The albedos of a store with their coordinates."""
+def _opened(path: str) -> Any:
+    """A store, of whose results nothing is read yet."""
     import warnings
 
     import xarray
 
     if not any((Path(path) / name).is_file() for name in ("zarr.json", ".zgroup", ".zmetadata")):
         raise UsageError(f"{path}: the folder holds no Zarr store of brdfcheck sweep")
+    with _damage_told(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        data = xarray.open_zarr(path, chunks=None)
+    if "albedo" not in data:
+        raise UsageError(f"{path}: the store holds no variable albedo")
+    return data
+
+
+@contextlib.contextmanager
+def _damage_told(path: str) -> Iterator[None]:
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            data = xarray.open_zarr(path, chunks=None)
-            if "albedo" not in data:
-                raise UsageError(f"{path}: the store holds no variable albedo")
-            return data["albedo"].load()
-    except UsageError:
-        raise
+        yield
     except Exception as error:  # whatever zarr and xarray make of a damaged store
         raise UsageError(f"{path}: cannot read the store: {type(error).__name__}: {one_line(error)}") from None

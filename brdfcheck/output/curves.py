@@ -68,17 +68,11 @@ def albedo_vs_n(
     and what `check` raises for bad targets; `Finding` where a user's function fails.
     """
     family = as_family(target, ranges, cos_theta)
-    albedo = PointwiseAlbedo(family)
-    effort = _EFFORTS[albedo.effort]
-    parameter = _swept(family)
-    worst = _supremum(albedo)
-    low, high = family.ranges[parameter]
-    marks = [worst.parameters[parameter], *(end for interval in worst.above or () for end in interval)]
-    x = _between(low, high, effort.exponents if samples is None else samples, marks)
-    value, error, at = _largest(albedo, effort, _places(family, parameter, x))
-    above = _above(albedo, effort, parameter, worst, x, value, error)
+    sampled = _Sampled(family, _swept(family))
+    x = sampled.values(sampled.effort.exponents if samples is None else samples)
+    value, error, at = sampled.largest(x)
     columns = {"x": rounded(x), "albedo": rounded(value), "worst_cos_theta": rounded(at)}
-    return _curve("albedo-vs-n", albedo, parameter, columns, worst, error, above)
+    return sampled.curve("albedo-vs-n", columns, error, sampled.above(x, value, error))
 
 
 def factor(target: Any, **options: Any) -> Curve:
@@ -109,19 +103,18 @@ def albedo_vs_angle(
     for name, (low, high) in family.ranges.items():
         if low != high:
             raise ValueError(f"{family.name}: {name} runs over {low:g}:{high:g}; a curve over angles needs one value of it")
-    albedo = PointwiseAlbedo(family)
-    effort = _EFFORTS[albedo.effort]
+    sampled = _Sampled(family)
+    albedo, worst = sampled.albedo, sampled.worst
     place = np.array([[low for low, _ in family.ranges.values()]])
-    worst = _supremum(albedo)
 
     def at(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, error = _over_azimuths(albedo, effort, np.repeat(place, len(mu), axis=0), mu)
+        value, error = sampled.over_azimuths(np.repeat(place, len(mu), axis=0), mu)
         return value, error + bars(albedo, mu, np.zeros(len(mu))).max(axis=1)
 
-    mu = _cosines(family.cos_theta, effort.angles if samples is None else samples)
+    mu = _cosines(family.cos_theta, sampled.effort.angles if samples is None else samples)
     mu = np.unique(np.append(mu, np.clip(worst.cos_theta, mu[0], mu[-1])))
     value, error = at(mu)
-    above = _intervals(mu, value, error, at, 1e-12 if albedo.fast else 1e-5)
+    above = _intervals(mu, value, error, at, sampled.xtol)
     ends = np.array(sorted({end for interval in above for end in interval} - set(mu.tolist())))
     if len(ends):
         more, more_error = at(ends)
@@ -130,7 +123,7 @@ def albedo_vs_angle(
         error = np.append(error, more_error)[order]
     member = {name: number(low) for name, (low, _) in family.ranges.items()}
     columns = {"at": member, "x": rounded(mu), "albedo": rounded(value)}
-    return _curve("albedo-vs-angle", albedo, None, columns, worst, error, above)
+    return sampled.curve("albedo-vs-angle", columns, error, above)
 
 
 def heatmap(
@@ -141,26 +134,22 @@ def heatmap(
     `samples`: points along the parameter. Raises as `albedo_vs_n`, and ValueError where a range holds a single value.
     """
     family = as_family(target, ranges, cos_theta)
-    albedo = PointwiseAlbedo(family)
-    effort = _EFFORTS[albedo.effort]
     parameter = _swept(family)
     low, high = family.ranges[parameter]
     if low == high or family.cos_theta[0] == family.cos_theta[1]:
         what = parameter if low == high else "cos theta"
         raise ValueError(f"{family.name}: a heat map needs a range of {what}, not a single value")
-    worst = _supremum(albedo)
-    marks = [worst.parameters[parameter], *(end for interval in worst.above or () for end in interval)]
-    x = _between(low, high, (effort.exponents + 1) // 2 if samples is None else samples, marks)
-    cosines = effort.cosines if albedo.one_by_one else max(effort.cosines, _MAP_COSINES)
-    mu = np.unique(np.append(_cosines(family.cos_theta, cosines), worst.cos_theta))
-    places = _places(family, parameter, np.repeat(x, len(mu)))
-    value, error = _over_azimuths(albedo, effort, places, np.tile(mu, len(x)))
+    sampled = _Sampled(family, parameter)
+    effort = sampled.effort
+    x = sampled.values((effort.exponents + 1) // 2 if samples is None else samples)
+    cosines = effort.cosines if sampled.albedo.one_by_one else max(effort.cosines, _MAP_COSINES)
+    mu = np.unique(np.append(_cosines(family.cos_theta, cosines), sampled.worst.cos_theta))
+    value, error = sampled.over_azimuths(sampled.places(np.repeat(x, len(mu))), np.tile(mu, len(x)))
     value, error = value.reshape(len(x), len(mu)), error.reshape(len(x), len(mu))
     best = np.argmax(np.where(np.isnan(value), -np.inf, value), axis=1)[:, None]
-    top = (np.take_along_axis(table, best, 1)[:, 0] for table in (value, error))
-    above = _above(albedo, effort, parameter, worst, x, *top)
+    top, bar = (np.take_along_axis(table, best, 1)[:, 0] for table in (value, error))
     columns = {"x": rounded(x), "cosines": rounded(mu), "albedo": [rounded(row, 10) for row in value]}
-    return _curve("heatmap", albedo, parameter, columns, worst, error, above)
+    return sampled.curve("heatmap", columns, error, sampled.above(x, top, bar))
 
 
 KINDS: dict[str, Callable[..., Curve]] = {
@@ -247,12 +236,124 @@ def _swept(family: Family) -> str:
     return swept if swept is not None else next(iter(family.ranges))
 
 
-def _supremum(albedo: PointwiseAlbedo) -> Supremum:
-    found = supremum(albedo, threshold=1 + TOLERANCE, rtol=None, intervals=True)
-    if albedo.table is None:
-        return found
-    found, doubt = doubted(albedo, albedo.table, found)
-    return replace(found, error=max(found.error, doubt.most - found.value))
+class _Sampled:
+    """A family whose albedo is sampled along its `parameter`, or at one member of it.
+
+    `effort`: how many points; `worst`: what the search behind the verdict finds; `xtol`: how well ends of intervals are known.
+    """
+
+    def __init__(self, family: Family, parameter: Any = None):
+        self.family, self.parameter = family, parameter
+        self.albedo = PointwiseAlbedo(family)
+        self.effort = _EFFORTS[self.albedo.effort]
+        self.xtol = 1e-12 if self.albedo.fast else 1e-5
+        found = supremum(self.albedo, threshold=1 + TOLERANCE, rtol=None, intervals=True)
+        if self.albedo.table is not None:
+            found, doubt = doubted(self.albedo, self.albedo.table, found)
+            found = replace(found, error=max(found.error, doubt.most - found.value))
+        self.worst: Supremum = found
+
+    def values(self, count: int) -> np.ndarray:
+        """`count` values of the parameter, geometric where its range is long; the worst and the ends of violating intervals."""
+        low, high = self.family.ranges[self.parameter]
+        if low == high:
+            return np.array([low])
+        if low > 0 and high / low >= 10:
+            values = np.geomspace(low, high, count)
+        elif low >= 0 and high >= 10 * max(low, 1e-3):  # from 0: dense there, on a logarithmic axis and on a linear one
+            values = low + (high - low) * np.linspace(0, 1, count) ** 3
+        else:
+            values = np.linspace(low, high, count)
+        values[0], values[-1] = low, high
+        marks = [self.worst.parameters[self.parameter], *(end for interval in self.worst.above or () for end in interval)]
+        return np.unique(np.append(values, [mark for mark in marks if low <= mark <= high]))
+
+    def places(self, x: np.ndarray) -> np.ndarray:
+        """The parameters (points, names) at these values of the one."""
+        ranges = self.family.ranges.items()
+        return np.stack([x if name == self.parameter else np.full(len(x), low) for name, (low, _) in ranges], axis=1)
+
+    def over_azimuths(self, places: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and errors at (place, cosine); for anisotropic BRDFs the largest over a few azimuths."""
+        count = self.effort.turns if self.albedo.anisotropic else 1
+        turns = np.arange(count) * 2 * np.pi / self.effort.turns
+        found = [self.albedo(places, mu, np.full(len(mu), turn), rtol=self.effort.rtol) for turn in turns]
+        values, errors = (np.array(part) for part in zip(*found, strict=True))
+        best = np.argmax(np.where(np.isnan(values), np.inf, values), axis=0)[None]
+        return np.take_along_axis(values, best, 0)[0], np.take_along_axis(errors, best, 0)[0]
+
+    def largest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Largest albedo over the cosines at each value: (value, error, cosine). A grid, then parabolas around its best."""
+        mu = _cosines(self.family.cos_theta, self.effort.cosines)
+        places, rows, columns = self.places(x), len(x), len(mu)
+
+        def at(cosines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            width = cosines.shape[1]
+            value, error = self.over_azimuths(np.repeat(places, width, axis=0), cosines.ravel())
+            return value.reshape(rows, width), error.reshape(rows, width)
+
+        value, error = at(np.tile(mu, (rows, 1)))
+        known = np.where(np.isnan(value), -np.inf, value)
+        best, every = np.argmax(known, axis=1), np.arange(rows)
+        top, bar, place = value[every, best], error[every, best], mu[best]
+        if columns < 3:
+            return top, bar, place
+        middle = np.clip(best, 1, columns - 2)
+        x = mu[middle[:, None] + np.array([-1, 0, 1])]
+        y = np.take_along_axis(known, middle[:, None] + np.array([-1, 0, 1]), axis=1)
+        for _ in range(self.effort.rounds):
+            candidate = _vertex(x, y)
+            fresh, fresh_error = at(candidate[:, None])
+            fresh, fresh_error = fresh[:, 0], fresh_error[:, 0]
+            better = fresh > top
+            top, bar, place = (
+                np.where(better, new, old) for new, old in ((fresh, top), (fresh_error, bar), (candidate, place))
+            )
+            # The three points around the best of the four.
+            points, heights = np.append(x, candidate[:, None], axis=1), np.append(y, fresh[:, None], axis=1)
+            order = np.argsort(points, axis=1)
+            points, heights = np.take_along_axis(points, order, 1), np.take_along_axis(heights, order, 1)
+            centre = np.clip(np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 1, 2)
+            around = centre[:, None] + np.array([-1, 0, 1])
+            x, y = np.take_along_axis(points, around, 1), np.take_along_axis(heights, around, 1)
+        return top, bar, place
+
+    def above(self, x: np.ndarray, value: np.ndarray, error: np.ndarray) -> tuple[tuple[float, float], ...]:
+        """Where the largest albedo exceeds 1: as the verdict says, or found here where its search has no intervals.
+
+        That search is for lobes with one parameter; this one serves functions and held parameters too.
+        """
+        low, high = self.family.ranges[self.parameter]
+        if low == high:
+            return ((low, high),) if judge(self.worst.value, self.worst.error).name == "VIOLATES" else ()
+        if self.worst.above is not None:
+            return self.worst.above
+        return _intervals(x, value, error, lambda x: self.largest(x)[:2], self.xtol)
+
+    def curve(self, kind: str, columns: Mapping[str, Any], error: np.ndarray, above: Sequence[tuple[float, float]]) -> Curve:
+        """A curve of its `columns`, with what it is of, and where it is largest and above 1."""
+        family, parameter, worst = self.family, self.parameter, self.worst
+        held = {name: number(low) for name, (low, high) in family.ranges.items() if name != parameter and low == high}
+        return {
+            "kind": kind,
+            "name": family.name,
+            "formula": catalog.entry(family.name).formula if family.name in catalog.names() else None,
+            "engine": self.albedo.engine_name,
+            "parameter": parameter,
+            "range": None if parameter is None else [number(bound) for bound in family.ranges[parameter]],
+            "held": {} if parameter is None else held,
+            "cos_theta": [number(bound) for bound in family.cos_theta],
+            **columns,
+            "error": number(float(f"{np.max(error):.3g}")),
+            "above": [[number(start), number(end)] for start, end in above],
+            "verdict": judge(worst.value, worst.error).name,
+            "largest": {
+                "albedo": number(worst.value),
+                "error": number(worst.error),
+                "at": {name: number(value) for name, value in worst.parameters.items()},
+                "cos_theta": number(worst.cos_theta),
+            },
+        }
 
 
 def _scale_of(family: Family) -> Callable[[float], float]:
@@ -271,54 +372,6 @@ def _scale_of(family: Family) -> Callable[[float], float]:
     return lambda value: float(np.asarray(build(value).gain(1.0)))
 
 
-def _curve(
-    kind: str,
-    albedo: PointwiseAlbedo,
-    parameter: str | None,
-    columns: Mapping[str, Any],
-    worst: Supremum,
-    error: np.ndarray,
-    above: Sequence[tuple[float, float]],
-) -> Curve:
-    """A curve of its `columns`, with what it is of, and where it is largest and above 1."""
-    family = albedo.family
-    held = {name: number(low) for name, (low, high) in family.ranges.items() if name != parameter and low == high}
-    return {
-        "kind": kind,
-        "name": family.name,
-        "formula": catalog.entry(family.name).formula if family.name in catalog.names() else None,
-        "engine": albedo.engine_name,
-        "parameter": parameter,
-        "range": None if parameter is None else [number(bound) for bound in family.ranges[parameter]],
-        "held": {} if parameter is None else held,
-        "cos_theta": [number(bound) for bound in family.cos_theta],
-        **columns,
-        "error": number(float(f"{np.max(error):.3g}")),
-        "above": [[number(start), number(end)] for start, end in above],
-        "verdict": judge(worst.value, worst.error).name,
-        "largest": {
-            "albedo": number(worst.value),
-            "error": number(worst.error),
-            "at": {name: number(value) for name, value in worst.parameters.items()},
-            "cos_theta": number(worst.cos_theta),
-        },
-    }
-
-
-def _between(low: float, high: float, count: int, marks: Sequence[float]) -> np.ndarray:
-    """`count` values from low to high, geometric where the range is long, and the marks."""
-    if low == high:
-        return np.array([low])
-    if low > 0 and high / low >= 10:
-        values = np.geomspace(low, high, count)
-    elif low >= 0 and high >= 10 * max(low, 1e-3):  # from 0: dense there, on a logarithmic axis and on a linear one
-        values = low + (high - low) * np.linspace(0, 1, count) ** 3
-    else:
-        values = np.linspace(low, high, count)
-    values[0], values[-1] = low, high
-    return np.unique(np.append(values, [mark for mark in marks if low <= mark <= high]))
-
-
 def _cosines(bounds: tuple[float, float], count: int) -> np.ndarray:
     """Cosines that are dense at both ends: at grazing incidence for the layer there, at normal incidence for the peak."""
     low, high = (float(bound) for bound in bounds)
@@ -327,60 +380,6 @@ def _cosines(bounds: tuple[float, float], count: int) -> np.ndarray:
     values = low + (high - low) * np.sin(np.linspace(0, np.pi / 2, count)) ** 2
     values[0], values[-1] = low, high
     return values
-
-
-def _places(family: Family, parameter: str, x: np.ndarray) -> np.ndarray:
-    columns = [x if name == parameter else np.full(len(x), low) for name, (low, _) in family.ranges.items()]
-    return np.stack(columns, axis=1)
-
-
-def _over_azimuths(
-    albedo: PointwiseAlbedo, effort: _Effort, places: np.ndarray, mu: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Values and errors at (place, cosine); for anisotropic BRDFs the largest over a few azimuths."""
-    turns = np.arange(effort.turns if albedo.anisotropic else 1) * 2 * np.pi / effort.turns
-    values, errors = [], []
-    for turn in turns:
-        value, error = albedo(places, mu, np.full(len(mu), turn), rtol=effort.rtol)
-        values.append(value)
-        errors.append(error)
-    best = np.argmax(np.where(np.isnan(values), np.inf, values), axis=0)[None]
-    return np.take_along_axis(np.array(values), best, 0)[0], np.take_along_axis(np.array(errors), best, 0)[0]
-
-
-def _largest(albedo: PointwiseAlbedo, effort: _Effort, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Largest albedo over the cosines at each place: (value, error, cosine). A grid, then parabolas around its best."""
-    mu = _cosines(albedo.family.cos_theta, effort.cosines)
-    rows, columns = len(places), len(mu)
-
-    def at(cosines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        width = cosines.shape[1]
-        value, error = _over_azimuths(albedo, effort, np.repeat(places, width, axis=0), cosines.ravel())
-        return value.reshape(rows, width), error.reshape(rows, width)
-
-    value, error = at(np.tile(mu, (rows, 1)))
-    known = np.where(np.isnan(value), -np.inf, value)
-    best, every = np.argmax(known, axis=1), np.arange(rows)
-    top, bar, place = value[every, best], error[every, best], mu[best]
-    if columns < 3:
-        return top, bar, place
-    middle = np.clip(best, 1, columns - 2)
-    x = mu[middle[:, None] + np.array([-1, 0, 1])]
-    y = np.take_along_axis(known, middle[:, None] + np.array([-1, 0, 1]), axis=1)
-    for _ in range(effort.rounds):
-        candidate = _vertex(x, y)
-        fresh, fresh_error = at(candidate[:, None])
-        fresh, fresh_error = fresh[:, 0], fresh_error[:, 0]
-        better = fresh > top
-        top, bar, place = (np.where(better, new, old) for new, old in ((fresh, top), (fresh_error, bar), (candidate, place)))
-        # The three points around the best of the four.
-        points, heights = np.append(x, candidate[:, None], axis=1), np.append(y, fresh[:, None], axis=1)
-        order = np.argsort(points, axis=1)
-        points, heights = np.take_along_axis(points, order, 1), np.take_along_axis(heights, order, 1)
-        centre = np.clip(np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 1, 2)
-        around = centre[:, None] + np.array([-1, 0, 1])
-        x, y = np.take_along_axis(points, around, 1), np.take_along_axis(heights, around, 1)
-    return top, bar, place
 
 
 def _vertex(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -394,32 +393,6 @@ def _vertex(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     halving = np.where(upper, (x[:, 1] + x[:, 2]) / 2, (x[:, 0] + x[:, 1]) / 2)
     inside = np.isfinite(vertex) & (vertex > x[:, 0]) & (vertex < x[:, 2]) & (up > down) & (vertex != x[:, 1])
     return np.where(inside, vertex, halving)
-
-
-def _above(
-    albedo: PointwiseAlbedo,
-    effort: _Effort,
-    parameter: str,
-    worst: Supremum,
-    x: np.ndarray,
-    value: np.ndarray,
-    error: np.ndarray,
-) -> tuple[tuple[float, float], ...]:
-    """Where the largest albedo exceeds 1: as the verdict says, or found here where its search has no intervals.
-
-    That search is for lobes with one parameter; this one serves functions and held parameters too.
-    """
-    low, high = albedo.family.ranges[parameter]
-    if low == high:
-        return ((low, high),) if judge(worst.value, worst.error).name == "VIOLATES" else ()
-    if worst.above is not None:
-        return worst.above
-
-    def largest(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, error, _ = _largest(albedo, effort, _places(albedo.family, parameter, x))
-        return value, error
-
-    return _intervals(x, value, error, largest, 1e-12 if albedo.fast else 1e-5)
 
 
 def _intervals(

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-KINDS = ("albedo-vs-n", "albedo-vs-angle", "heatmap", "factor")
+# The kinds of curves, and what draws them.
+KINDS = {"albedo-vs-n": "exponent", "albedo-vs-angle": "angle", "heatmap": "heatmap", "factor": "factor"}
 FORMATS = (".svg", ".png", ".pdf")
 _DPI = 200
 # How many colours pages are tried with, and the root mean square of the change (of 255) that hardly shows.
@@ -55,14 +56,8 @@ def figure(
         raise ValueError(f"{wrong[0]} is not a curve of the kind {kind}")
     if scale not in (None, "log", "linear"):
         raise ValueError(f"scale must be log or linear; got {scale!r}")
-    draw = {
-        "albedo-vs-n": panels.exponent,
-        "albedo-vs-angle": panels.angle,
-        "heatmap": panels.heatmap,
-        "factor": panels.factor,
-    }[kind]
     with paper.house_style():
-        return draw(curves, scale, limits, title)
+        return getattr(panels, KINDS[kind])(curves, scale, limits, title)
 
 
 def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes:

@@ -1,4 +1,4 @@
-"""Chunks of cells: one compiled program for each set of static settings, sharded over the devices of the machine.
+"""Chunks of cells: what is compiled for each program once, sharded over the devices of the machine.
 
 A wave is as many chunks as there are devices: along the mesh axis "chunks" each device computes one whole chunk, always
 of the same shape (what hangs over the end of an axis is filled up and cut off again). So a device runs the same program
@@ -25,11 +25,13 @@ from brdfcheck.brdf.callables import Evaluator, Finding
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.albedo import batched
 from brdfcheck.quadrature.functions import adaptive_albedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.samples import bars
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 from brdfcheck.sweep.config import ANGLES
-from brdfcheck.sweep.plan import CELL, Chunk, Plan
+from brdfcheck.sweep.plan import Chunk, Plan
+from brdfcheck.sweep.program import CELL, Program
 
 _AXIS = "chunks"
 # Compiled programs kept; chunks come in the order of their programs.
@@ -62,7 +64,7 @@ class Computer:
         self.plan = plan
         self.mesh = Mesh(np.array(jax.local_devices()), (_AXIS,))
         self.compiling = 0.0
-        self._programs: OrderedDict[tuple[Any, ...], Callable] = OrderedDict()
+        self._compiled: OrderedDict[tuple[Any, ...], Callable] = OrderedDict()
         self._lock = threading.Lock()
         self._local = threading.local()
 
@@ -75,21 +77,21 @@ class Computer:
         """The results of at most `width` chunks that share a program. UsageError where a user's BRDF fails."""
         with double_precision():  # whatever the process runs in; float32 is an axis
             parts = [_inputs(self.plan, chunk) for chunk in wave]
-            if self.plan.method(self.plan.combination(wave[0])).rule.on_host:
+            if self.plan.program(wave[0]).rule.on_host:
                 return [self._on_the_host(chunk, part) for chunk, part in zip(wave, parts, strict=True)]
-            inputs = self._stacked(parts)
+            inputs = self._placed(parts)
             with self._lock:
-                key = self.plan.program(wave[0])
-                if key not in self._programs:
+                key = self.plan.compiled(wave[0])
+                if key not in self._compiled:
                     began = time.perf_counter()
-                    self._programs[key] = self._compile(wave[0], inputs)
+                    self._compiled[key] = self._compile(wave[0], inputs)
                     self.compiling += time.perf_counter() - began
-                    if len(self._programs) > _KEPT:
-                        self._programs.popitem(last=False)
-                self._programs.move_to_end(key)
-                program = self._programs[key]
+                    if len(self._compiled) > _KEPT:
+                        self._compiled.popitem(last=False)
+                self._compiled.move_to_end(key)
+                compiled = self._compiled[key]
             began = time.perf_counter()
-            outputs = self._run(program, inputs)
+            outputs = _run(compiled, inputs)
             seconds = time.perf_counter() - began
             return [
                 Result(chunk.index, *_outputs(self.plan, chunk, *(output[i] for output in outputs)), seconds)
@@ -101,42 +103,37 @@ class Computer:
 
         The latter on all devices, where these compute side by side.
         """
-        combination = self.plan.combination(chunk)
-        method = self.plan.method(combination)
+        program = self.plan.program(chunk)
         with double_precision():
             part, count = _inputs(self.plan, chunk), chunk.cells
-            if method.sample is not None and method.sample < count:
-                rows = np.linspace(0, count - 1, method.sample).astype(int)  # spread over the chunk
-                part, count = {name: column[rows] for name, column in part.items()}, method.sample
+            if program.sample is not None and program.sample < count:
+                rows = np.linspace(0, count - 1, program.sample).astype(int)  # spread over the chunk
+                part, count = {name: column[rows] for name, column in part.items()}, program.sample
             began = time.perf_counter()
-            if method.rule.on_host:
+            if program.rule.on_host:
                 width = 1
-                self._integrals(combination, {name: column[:1] for name, column in part.items()})
+                self._integrals(program, {name: column[:1] for name, column in part.items()})
                 middle = time.perf_counter()
-                self._integrals(combination, part)
+                self._integrals(program, part)
             else:
-                width, inputs = self.width, self._stacked([part])
-                program = self._compile(chunk, inputs)
-                self._run(program, inputs)
+                width, inputs = self.width, self._placed([part])
+                compiled = self._compile(chunk, inputs)
+                _run(compiled, inputs)
                 middle = time.perf_counter()
-                self._run(program, inputs)
+                _run(compiled, inputs)
             return middle - began, (time.perf_counter() - middle) / (count * width)
 
     # --- on the devices ---
 
-    def _stacked(self, parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        """The inputs of a wave, filled up with the last ones."""
+    def _placed(self, parts: list[dict[str, np.ndarray]]) -> dict[str, jax.Array]:
+        """The inputs of a wave on the devices, filled up with the last ones."""
         parts = parts + [parts[-1]] * (self.width - len(parts))
-        return {name: np.stack([part[name] for part in parts]) for name in parts[0]}
-
-    def _run(self, program: Callable, inputs: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
         sharding = NamedSharding(self.mesh, PartitionSpec(_AXIS))
-        outputs = program({name: jax.device_put(values, sharding) for name, values in inputs.items()})
-        return tuple(np.asarray(output) for output in outputs)
+        return {name: jax.device_put(np.stack([part[name] for part in parts]), sharding) for name in parts[0]}
 
-    def _compile(self, chunk: Chunk, inputs: dict[str, np.ndarray]) -> Callable:
-        table = self.plan.method(self.plan.combination(chunk)).table
-        function = (_table if table else _cells)(self.plan, chunk)
+    def _compile(self, chunk: Chunk, inputs: dict[str, jax.Array]) -> Callable:
+        program = self.plan.program(chunk)
+        function = _table(self.plan, program, chunk) if program.table else _cells(program)
 
         def of_one(inputs: dict[str, Any]) -> tuple[Any, ...]:
             """What one device sees: one chunk, with a leading axis of length 1."""
@@ -144,50 +141,51 @@ class Computer:
             return tuple(jnp.asarray(part)[None] for part in (answer.value, answer.error, answer.evaluations))
 
         part = PartitionSpec(_AXIS)
-        sharding = NamedSharding(self.mesh, part)
-        shapes = {name: jax.ShapeDtypeStruct(values.shape, values.dtype, sharding=sharding) for name, values in inputs.items()}
         sharded = jax.shard_map(of_one, mesh=self.mesh, in_specs=(part,), out_specs=part, check_vma=False)
-        return jax.jit(sharded).lower(shapes).compile()
+        return jax.jit(sharded).lower(inputs).compile()
 
     # --- on the host ---
 
     def _on_the_host(self, chunk: Chunk, numbers: dict[str, np.ndarray]) -> Result:
         began = time.perf_counter()
-        outputs = self._integrals(self.plan.combination(chunk), {name: part[: chunk.cells] for name, part in numbers.items()})
+        outputs = self._integrals(self.plan.program(chunk), {name: part[: chunk.cells] for name, part in numbers.items()})
         return Result(chunk.index, *_outputs(self.plan, chunk, *outputs), time.perf_counter() - began)
 
-    def _integrals(self, combination: tuple[int, ...], numbers: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    def _integrals(self, program: Program, numbers: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
         """Albedo, error and evaluations of cells, one adaptive integral each."""
-        settings, tolerance = self.plan.settings(combination), self.plan.method(combination).rule.setting
-        evaluator = self._evaluator(combination)
+        evaluator, samples = self._evaluating(program)
         answers = []
         for i, mu in enumerate(numbers["cos_theta"]):
             row = {name: float(column[i]) for name, column in numbers.items() if name not in (*ANGLES, CELL)}
             turn = float(numbers["azimuth"][i]) if "azimuth" in numbers else 0.0
             try:
-                bound = _rounded(evaluator.bind(row), settings["precision"])
-                answers.append(adaptive_albedo(bound, float(mu), turn, tolerance))
+                bound = _rounded(evaluator.bind(row), program.dtype)
+                answers.append(adaptive_albedo(bound, float(mu), turn, program.rule.setting))
             except Finding as error:
                 shown = ", ".join(f"{name}={value:g}" for name, value in {**row, "cos_theta": float(mu)}.items())
-                raise UsageError(f"{settings['brdf']} at {shown}: {one_line(error)}") from error
+                raise UsageError(f"{program.settings['brdf']} at {shown}: {one_line(error)}") from error
         value, error, count = (np.array([np.asarray(getattr(a, part)) for a in answers]) for part in _PARTS)
-        if self.plan.is_table(combination):
-            turns = numbers.get("azimuth", np.zeros(len(value)))
-            error = error + bars(self.plan.samples(combination), numbers["cos_theta"], turns)
+        if samples is not None:
+            error = error + bars(samples, numbers["cos_theta"], numbers.get("azimuth", np.zeros(len(value))))
         return value, error, count
 
-    def _evaluator(self, combination: tuple[int, ...]) -> Evaluator:
+    def _evaluating(self, program: Program) -> tuple[Evaluator, PointwiseAlbedo | None]:
+        """What evaluates the BRDF, and what is known at samples only once more, for its error bars."""
         # One for each thread: an evaluator keeps its latest program.
-        found = self._local.__dict__.setdefault("evaluators", {})
-        if combination not in found:
+        found = self._local.__dict__.setdefault("evaluating", {})
+        if program.place not in found:
             found.clear()
-            found[combination] = self.plan.evaluator(combination)
-        return found[combination]
+            found[program.place] = program.evaluator(), program.samples() if program.tabulated else None
+        return found[program.place]
 
 
-def _rounded(evaluate: Callable, precision: str) -> Callable:
-    """The function with its values rounded to `precision`: the error bars then say so."""
-    return evaluate if np.dtype(precision) == float else lambda wi, wo: evaluate(wi, wo).astype(precision)
+def _run(compiled: Callable, inputs: dict[str, jax.Array]) -> tuple[np.ndarray, ...]:
+    return tuple(np.asarray(output) for output in compiled(inputs))
+
+
+def _rounded(evaluate: Callable, dtype: np.dtype) -> Callable:
+    """The function with its values rounded to `dtype`: the error bars then say so."""
+    return evaluate if dtype == np.float64 else lambda wi, wo: evaluate(wi, wo).astype(dtype)
 
 
 def _inputs(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
@@ -196,34 +194,34 @@ def _inputs(plan: Plan, chunk: Chunk) -> dict[str, np.ndarray]:
     Of a table the cosines; else the numbers of each cell by axis, in C order, and its place among all cells, so that neither
     the chunks nor the devices have a say in chance.
     """
-    combination = plan.combination(chunk)
-    method = plan.method(combination)
-    dtype = np.dtype(float) if method.rule.on_host else plan.dtype(combination)
-    if method.table:
-        columns = {"cos_theta": plan.values("cos_theta")[plan.along("cos_theta", chunk)]}
-        length = next((part.chunk for part in plan.dimensions if part.name == "cos_theta"), 1)
+    program = plan.program(chunk)
+    dtype = np.dtype(float) if program.rule.on_host else program.dtype
+    if program.table:
+        columns = {"cos_theta": plan.numbers["cos_theta"].values[chunk.along("cos_theta")]}
+        length = plan.numbers["cos_theta"].chunk
     else:
-        places = np.meshgrid(*(np.arange(part.start, part.stop) for part in chunk.slices), indexing="ij", sparse=True)
-        at = {dimension.name: place for dimension, place in zip(plan.dimensions, places, strict=True)}
-        columns = {name: np.broadcast_to(plan.values(name)[at.get(name, 0)], chunk.shape).ravel() for name in plan.numeric}
+        places = np.meshgrid(*(np.arange(part.start, part.stop) for part in chunk.parts.values()), indexing="ij", sparse=True)
+        at = dict(zip(chunk.parts, places, strict=True))
+        columns = {
+            name: np.broadcast_to(axis.values[at.get(name, 0)], chunk.shape).ravel() for name, axis in plan.numbers.items()
+        }
         length = plan.chunk_cells
     columns = {name: column.astype(dtype) for name, column in columns.items()}
-    if not method.table:
+    if not program.table:
         columns[CELL] = np.ravel_multi_index(tuple(places), plan.shape).ravel() if places else np.zeros(1, np.int64)
     return {name: np.pad(column, (0, length - len(column)), mode="edge") for name, column in columns.items()}
 
 
 def _outputs(plan: Plan, chunk: Chunk, value: Any, error: Any, count: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Albedo, error and evaluations in the shape of a chunk, from those of its program."""
-    table = plan.method(plan.combination(chunk)).table
-    names = [dimension.name for dimension in plan.dimensions]
+    table, names = plan.program(chunk).table, list(chunk.parts)
 
     def placed(part: Any) -> np.ndarray:
         part = np.asarray(part)
         if not table:
             part = part[: chunk.cells]
         else:
-            cosines = plan.along("cos_theta", chunk)
+            cosines = chunk.along("cos_theta")
             part = part[:, : cosines.stop - cosines.start]
             if "cos_theta" in names and names.index("cos_theta") < names.index("n"):
                 part = np.swapaxes(part, 0, 1)
@@ -234,20 +232,16 @@ def _outputs(plan: Plan, chunk: Chunk, value: Any, error: Any, count: Any) -> tu
     return placed(value), placed(error), counts
 
 
-def _cells(plan: Plan, chunk: Chunk) -> Callable:
-    combination = plan.combination(chunk)
-    cell, batch = plan.cell(combination), plan.method(combination).batch
-    return lambda inputs: batched(cell, inputs, inputs[CELL].size, batch)
+def _cells(program: Program) -> Callable:
+    cell = program.cell()
+    return lambda inputs: batched(cell, inputs, inputs[CELL].size, program.batch)
 
 
-def _table(plan: Plan, chunk: Chunk) -> Callable:
-    combination = plan.combination(chunk)
-    subject, dtype = plan.subject(combination), plan.dtype(combination)
-    exponents = plan.values("n")[plan.along("n", chunk)]
-    held = {name: float(plan.values(name)[0]) for name in plan.numeric if name not in (*ANGLES, "n")}
-    rtol = plan.settings(combination).get("rtol")
+def _table(plan: Plan, program: Program, chunk: Chunk) -> Callable:
+    exponents = plan.numbers["n"].values[chunk.along("n")]
+    held = {name: float(axis.values[0]) for name, axis in plan.numbers.items() if name not in (*ANGLES, "n")}
 
     def family(n: Any) -> Any:
-        return of_type(subject.build(n=n, **held), dtype)
+        return of_type(program.build(n=n, **held), program.dtype)
 
-    return lambda inputs: albedo_table(family, exponents, inputs["cos_theta"], rtol=rtol)
+    return lambda inputs: albedo_table(family, exponents, inputs["cos_theta"], rtol=program.settings.get("rtol"))

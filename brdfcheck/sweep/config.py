@@ -105,20 +105,28 @@ class _Document(Model):
     reading: ReadingTable | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Axis:
-    """One axis, or one held value. `values`: floats (an array), or integers, strings or truth values (a tuple).
+    """One axis, or one held value. `values`: floats, integers, strings or truth values; `written`: what the file says.
 
-    `written` is what the file says, in one canonical form.
+    The latter in one canonical form. What a plan finds out: `static`, each value has a program of its own, and chunks of one;
+    `chunk`, how many values are in a chunk.
     """
 
     name: str
-    values: Any
+    values: np.ndarray
     held: bool
     written: Any
+    static: bool = False
+    chunk: int = 1
 
     def __len__(self) -> int:
         return len(self.values)
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks lie along it."""
+        return -(-len(self) // self.chunk)
 
 
 @dataclass(frozen=True)
@@ -222,16 +230,17 @@ def _axis(name: str, spec: Any) -> Axis:
         if wrong:
             raise ValueError(f"unknown precision {shown(wrong[0])}; allowed: {', '.join(PRECISIONS)}")
         values = [_ALIASES.get(value, value) for value in values]
+    written = values[0] if held else values
     words = [value for value in values if isinstance(value, str | bool)]
     if words:
         if name in (*ANGLES, "rtol") or len({type(value) for value in values}) > 1:
             raise ValueError(f"must hold numbers; got {shown(words[0])}")
         if len(set(values)) < len(values):
             raise ValueError(f"{shown(next(value for value in values if values.count(value) > 1))} is given twice")
-        return Axis(name, tuple(values), held, values[0] if held else values)
+        return Axis(name, np.array(values, np.dtypes.StringDType() if isinstance(words[0], str) else bool), held, written)
     numbers = _checked(name, np.array(values, float))
     if all(isinstance(value, int) for value in values) and name not in (*ANGLES, "rtol"):
-        return Axis(name, tuple(values), held, values[0] if held else values)
+        return Axis(name, np.array(values), held, written)
     return Axis(name, numbers, held, float(numbers[0]) if held else numbers.tolist())
 
 

@@ -130,20 +130,20 @@ def files(plan: Plan, commit: str) -> dict[str, bytes]:
         names = [name] if values.ndim else []
         add(name, values.shape, values.dtype, values.shape, names, text, **options)[...] = values if values.ndim else values[()]
 
-    for name in (*plan.held, *(dimension.name for dimension in plan.dimensions)):
-        values = plan.values(name)[:1].reshape(()) if name in plan.held else plan.values(name)
-        add_values(name, values, _LONG_NAMES.get(name, name), units="rad" if name == "azimuth" else "1")
-    for dimension in plan.dimensions:
-        if dimension.chunk > 1 or not dimension.static:
-            starts = np.arange(0, len(dimension), dimension.chunk)
-            add_values(f"{dimension.name}_chunk", starts, f"index along {dimension.name} at which the chunk begins")
+    for axis in (*plan.held, *plan.dimensions):
+        values, text = axis.values.reshape(()) if axis.held else axis.values, _LONG_NAMES.get(axis.name, axis.name)
+        add_values(axis.name, values, text, units="rad" if axis.name == "azimuth" else "1")
+    for axis in plan.dimensions:
+        if axis.chunk > 1 or not axis.static:
+            starts = np.arange(0, len(axis), axis.chunk)
+            add_values(f"{axis.name}_chunk", starts, f"index along {axis.name} at which the chunk begins")
     add_values("stored_variable", np.array(RESULTS, np.dtypes.StringDType()), "variable of a chunk")
     trailing = () if plan.channels is None else (plan.channels,)
     if trailing:
         add_values("channel", np.arange(plan.channels or 0), "channel of the BRDF")
-    about = {"coordinates": " ".join(plan.held)} if plan.held else {}
-    names = [dimension.name for dimension in plan.dimensions]
-    places = [dimension.name if dimension.static else f"{dimension.name}_chunk" for dimension in plan.dimensions]
+    about = {"coordinates": " ".join(axis.name for axis in plan.held)} if plan.held else {}
+    names = [axis.name for axis in plan.dimensions]
+    places = [axis.name if axis.static else f"{axis.name}_chunk" for axis in plan.dimensions]
     for name, text in (
         ("albedo", "directional albedo"),
         ("error", "bound on the absolute error of the directional albedo"),

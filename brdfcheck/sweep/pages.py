@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +22,7 @@ _CELLS = 56_000
 _ROWS, _ANGLES = 48, 64
 _VALUES = (7, 5, 4, 3, 2, 1)
 _MOST = 24
+_ENDLESS = 1e300
 
 
 def sweep_page(out: str | os.PathLike[str], *, provenance: str = "") -> str:
@@ -33,15 +33,11 @@ def sweep_page(out: str | os.PathLike[str], *, provenance: str = "") -> str:
     import xarray
 
     with xarray.open_zarr(os.fspath(out), chunks=None) as store:
-        albedo, error = store["albedo"], store["error"]
+        data, albedo = store[["albedo", "error"]], store["albedo"]
         texts = [str(name) for name in albedo.dims if name != "channel" and albedo[name].dtype.kind not in "fiu"]
-        which = list(product(*(range(albedo.sizes[name]) for name in texts)))
+        which = list(np.ndindex(*(albedo.sizes[name] for name in texts)))
         room = _CELLS // min(len(which), _MOST)
-        entries = [
-            _entry(albedo.isel(place), error.isel(place), room)
-            for indices in which[:_MOST]
-            for place in [dict(zip(texts, indices, strict=True))]
-        ]
+        entries = [_entry(data.isel(dict(zip(texts, indices, strict=True))), room) for indices in which[:_MOST]]
         title = os.path.basename(os.path.normpath(os.fspath(out)))
         lines = [f"{albedo.size} albedos; the largest of a grid is no verdict: between its nodes it may be larger"]
         if len(which) > _MOST:
@@ -49,8 +45,9 @@ def sweep_page(out: str | os.PathLike[str], *, provenance: str = "") -> str:
         return page(entries, heading=f"Albedos of the sweep {title}", lines=lines, provenance=provenance)
 
 
-def _entry(albedo: xarray.DataArray, error: xarray.DataArray, room: int) -> Entry:
+def _entry(data: xarray.Dataset, room: int) -> Entry:
     """One BRDF: numeric axes are left."""
+    albedo = data["albedo"]
     names = [str(name) for name in albedo.dims if name != "channel"]
     place, facts = _largest(albedo, names)
     said = {str(name): albedo[name].item() for name in albedo.coords if albedo[name].ndim == 0}
@@ -66,16 +63,16 @@ def _entry(albedo: xarray.DataArray, error: xarray.DataArray, room: int) -> Entr
         name: _kept(albedo.sizes[name], {row: _ROWS, "cos_theta": _ANGLES}.get(name, values), place[name]) for name in names
     }
     axes = {name: _axis(name, np.asarray(albedo[name].values, float), kept[name], place[name]) for name in names}
-    angles, order = axes.get("cos_theta") or _axis("cos_theta", np.array([held.get("cos_theta", 1.0)]), np.array([0]), 0)
-    tables: dict[tuple[int, ...], np.ndarray] = {}
-    errors: dict[tuple[int, ...], float] = {}
-    for key in product(*(range(len(axes[name][0].values)) for name in others)):
-        still = {name: int(axes[name][1][index]) for name, index in zip(others, key, strict=True)}
-        still |= {name: 0 for name in names if name not in (row, "cos_theta", *others)}
-        found = [_table(part.isel(still), row, axes[row][1] if row else None, order) for part in (albedo, error)]
-        tables[key] = found[0]
-        with np.errstate(invalid="ignore"):
-            errors[key] = float(np.nanmax(found[1] / np.maximum(1, np.abs(found[0])), initial=0.0))
+    angles, _ = axes.get("cos_theta") or _axis("cos_theta", np.array([held.get("cos_theta", 1.0)]), np.array([0]), 0)
+    order = [*others, *(name for name in ("channel", row, "cos_theta") if name in albedo.dims)]
+    shown = data.isel({name: indices for name, (_, indices) in axes.items()}).transpose(*order, ...).load()
+    shape = [*(len(axes[name][1]) for name in others), channels, 1 if row is None else len(axes[row][1]), -1]
+    table, error = (np.asarray(shown[name].values, float).reshape(shape) for name in ("albedo", "error"))
+    # What is no number is shown as such, whatever its bar. JSON has no infinity for the bar of a number that is not known.
+    with np.errstate(invalid="ignore"):
+        error = np.where(np.isfinite(table), np.minimum(error / np.maximum(1, np.abs(table)), _ENDLESS), 0.0)
+    tables = {key: table[key] for key in np.ndindex(table.shape[:-3])}
+    errors = {key: float(np.nanmax(error[key], initial=0.0)) for key in tables}
     slices = Slices(angles, axes[row][0] if row else None, tuple(axes[name][0] for name in others), tables, errors)
     facts |= {"held": ", ".join(f"{key}={value:g}" for key, value in held.items())} if held else {}
     return Entry(name, slices, None, facts)
@@ -134,13 +131,3 @@ def _axis(name: str, values: np.ndarray, kept: np.ndarray, at: int) -> tuple[Axi
     position = (shown - shown[0]) / (shown[-1] - shown[0]) if even else np.linspace(0, 1, len(shown))
     label = "angle" if name == "cos_theta" else name
     return Axis(label, shown, position, int(np.argmax(indices == at)) if at in indices else 0), indices
-
-
-def _table(part: xarray.DataArray, row: str | None, rows: Any, angles: np.ndarray) -> np.ndarray:
-    """(channels, rows, angles) of what is left of the albedo."""
-    wanted: Mapping[str, Any] = {"cos_theta": angles} if "cos_theta" in part.dims else {}
-    wanted = dict(wanted) | ({row: rows} if row else {})
-    found = part.isel(wanted)
-    order = [name for name in ("channel", row, "cos_theta") if name in found.dims]
-    values = np.asarray(found.transpose(*order).values, float)
-    return values.reshape(found.sizes.get("channel", 1), 1 if row is None else len(rows), -1)

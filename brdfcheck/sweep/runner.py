@@ -151,24 +151,23 @@ def estimate(plan: Plan, out: str | os.PathLike[str] | None) -> Estimate:
     computer = Computer(plan)
     there: Counter[Any] = Counter()
     for chunk in map(plan.chunk, found):
-        there[plan.program(chunk)] += chunk.cells
-    # By program, not chunk by chunk: a dry run is for sweeps that are too large.
+        there[plan.compiled(chunk)] += chunk.cells
+    # By what is compiled, not chunk by chunk: a dry run is for sweeps that are too large.
     kinds: dict[tuple[Any, ...], list[tuple[Chunk, int]]] = {}
-    for combination, places in plan.programs():
+    for program, places in plan.pieces():
         first = plan.chunk(int(np.ravel_multi_index([place[0] for place in places], plan.grid)) if places else 0)
-        cells = plan.cells_of(places) - there[plan.program(first)]
+        cells = plan.cells_of(places) - there[plan.compiled(first)]
         if cells:
-            settings = plan.settings(combination)
-            kinds.setdefault(tuple(settings[name] for name in ("brdf", "rule", "precision")), []).append((first, cells))
+            kinds.setdefault(tuple(program.settings[name] for name in ("brdf", "rule", "precision")), []).append((first, cells))
     seconds = compiling = 0.0
-    for programs in kinds.values():
-        half = len(programs) // 2
-        compile_one, per_cell = computer.sample(programs[half][0])
+    for pieces in kinds.values():
+        half = len(pieces) // 2
+        compile_one, per_cell = computer.sample(pieces[half][0])
         if half:  # the first of its kind is slower by what is traced and imported once
             compiling += compile_one
-            compile_one, per_cell = computer.sample(programs[half - 1][0])
+            compile_one, per_cell = computer.sample(pieces[half - 1][0])
             compiling -= compile_one
-        compiling += compile_one * len(programs)
-        seconds += per_cell * sum(cells for _, cells in programs)
+        compiling += compile_one * len(pieces)
+        seconds += per_cell * sum(cells for _, cells in pieces)
     memory = plan.size(plan.chunk_cells) * computer.width
     return Estimate(seconds + compiling, compiling, memory, plan.size(plan.cells), len(found))

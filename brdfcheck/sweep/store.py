@@ -272,7 +272,7 @@ class Store:
         place = tuple(slice(i, i + 1) for i in chunk.place)
         with _telling(self.folder):
             self._path("checksum", chunk).unlink(missing_ok=True)
-            sums = [self._put(name, chunk, chunk.slices, getattr(result, name)) for name in RESULTS]
+            sums = [self._put(name, chunk, tuple(chunk.parts.values()), getattr(result, name)) for name in RESULTS]
             self._put("seconds", chunk, place, np.full((1,) * len(place), result.seconds))
             self._put("checksum", chunk, (*place, slice(None)), np.array(sums, np.uint32).reshape((1,) * len(place) + (-1,)))
         self._count(result.albedo)

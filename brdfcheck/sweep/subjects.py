@@ -1,4 +1,4 @@
-"""What is swept: BRDFs by their names, through the one door (`brdfcheck.brdf.subject`), and rules by theirs."""
+"""What is swept: BRDFs by their names, through the one door (`brdfcheck.brdf.subject`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.calling import directional
@@ -23,10 +22,7 @@ from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import beside
 from brdfcheck.brdf.signatures import Signature, signature_of
 from brdfcheck.brdf.subject import family_of, named, no_parameter, resolve
-from brdfcheck.messages import UsageError, one_line
-from brdfcheck.quadrature.functions import Adaptive
-from brdfcheck.quadrature.registry import RULES, engine_of
-from brdfcheck.quadrature.rule import AbstractEngine, AbstractRule
+from brdfcheck.messages import UsageError
 from brdfcheck.runtime import double_precision
 
 
@@ -45,17 +41,6 @@ class Source:
         return self.file is not None or parameter in self.signature.words or parameter not in self.signature.names
 
 
-@dataclass(frozen=True)
-class Subject:
-    """A BRDF with its static parameters set: ``build(**numbers)`` makes one member of the family.
-
-    `template`: the structure of its lobe without numbers, None for functions, which have no engine of their own.
-    """
-
-    build: Callable[..., Any]
-    template: Any
-
-
 def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mapping[str, Path], reading: Reading) -> Source:
     """The BRDF called `name`. UsageError where there is none.
 
@@ -72,8 +57,13 @@ def find(name: str, folder: Path, modules: dict[str, ModuleType], places: Mappin
     return Source(name, directional(value), signature_of(value), None if file is None else file.resolve(), how)
 
 
-def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]) -> Subject:
-    """The BRDF with its static parameters, for numbers within `ranges`. UsageError where it does not take them."""
+def subject(
+    source: Source, static: Mapping[str, Any], ranges: Mapping[str, tuple[float, float]]
+) -> tuple[Callable[..., Any], Any]:
+    """The BRDF with its static parameters, for numbers within `ranges`. UsageError where it does not take them.
+
+    What makes one member of the family of these numbers, and the structure of its lobe without numbers: None for functions.
+    """
     words = {name: value for name, value in static.items() if isinstance(value, str | bool)}
     whole = {name: (float(value), float(value)) for name, value in static.items() if name not in words}
     bounds = {**whole, **ranges}
@@ -93,7 +83,7 @@ def subject(source: Source, static: Mapping[str, Any], ranges: Mapping[str, tupl
             template = eqx.filter_eval_shape(build, **shapes)
         except Exception:  # the factory needs numbers, not tracers
             template = None
-    return Subject(build, template.core if has_engine(template) else None)
+    return build, template.core if has_engine(template) else None
 
 
 def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> Family:
@@ -116,64 +106,6 @@ def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple
 def _needs(source: Source, names: Any, switch: bool = False) -> str:
     axis = "[0, 1]" if switch else "{ geomspace = [0.1, 1, 10] }"
     return f"{source.name} needs an axis {', '.join(names)}, as in {names[0]} = {axis} or {names[0]} = 1"
-
-
-DEFAULT = "default"
-"""The rule that is the engine of the BRDF."""
-
-
-def rule_of(text: str, rtol: float | None, template: Any) -> AbstractRule:
-    """The rule behind "default", "name" or "name:setting". ValueError where there is none, or not with that setting.
-
-    `rtol`: what the default aims at; `template`: of the BRDF, whose lobe has an engine or is a function.
-    """
-    name, colon, setting = text.partition(":")
-    if text == DEFAULT:
-        return (Adaptive if template is None else engine_of(template)).at(rtol)
-    if name not in RULES:
-        raise ValueError(f"unknown rule {name!r}; allowed: {DEFAULT}, {', '.join(RULES)}")
-    kind: Any = RULES[name]
-    try:
-        return kind(type(kind.ladder[0])(setting)) if colon else kind()
-    except (TypeError, ValueError) as error:
-        example = f"{name}:{kind.ladder[-1]:g}"
-        raise ValueError(f"the setting of {text!r}: {one_line(error)}; as in {example!r}") from None
-
-
-@dataclass(frozen=True)
-class Method:
-    """How cells are computed: one by one by `rule`, or all of a chunk as a `table`.
-
-    `cells`: of a chunk where the configuration says nothing, at least and at most; a killed sweep loses some seconds of work.
-    `sample`: cells looked at to estimate a chunk's time, None for all. `batch`: cells computed together.
-    """
-
-    rule: AbstractRule
-    table: bool
-    cells: tuple[int, int]
-    sample: int | None
-    batch: int
-
-
-def method(rule: AbstractRule, template: Any, *, table: bool) -> Method:
-    """How a rule computes a BRDF of this structure; cells take nanoseconds, microseconds, milliseconds, or up to a second."""
-    if table:
-        return Method(rule, True, (20_000, 250_000), None, 1)
-    if rule.on_host:
-        return Method(rule, False, (1, 32), 3, 1)
-    if isinstance(rule, AbstractEngine) and rule.batch > 1:
-        return Method(rule, False, (1_000, 20_000), 512, rule.batch)
-    return Method(rule, False, (32, 512), 4, 1)  # rules bound their memory themselves, for one cell
-
-
-def turned(brdf: Callable[..., Any], azimuth: Any) -> Callable[..., Any]:
-    """A function f(wi, wo) on a surface that is turned, so that what comes from azimuth 0 comes from `azimuth`."""
-
-    def at(direction: Any) -> Any:
-        x, y, z = (direction[..., i] for i in range(3))
-        return jnp.stack([x * jnp.cos(azimuth) - y * jnp.sin(azimuth), x * jnp.sin(azimuth) + y * jnp.cos(azimuth), z], axis=-1)
-
-    return lambda wi, wo: brdf(at(wi), at(wo))
 
 
 def source_files(sources: Mapping[str, Source]) -> dict[str, dict[str, str]]:
