@@ -174,8 +174,7 @@ def _window(scene: Scene) -> tuple[int, int, int, int]:
         # Corners of a polyhedron around the sphere.
         polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 33), np.linspace(0, 2 * np.pi, 64))
         unit = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]).reshape(3, -1)
-        center = np.asarray(picture.options.get("center", (0.0, 0.0, 0.0)), float)
-        points = center[:, None] + 1.02 * float(picture.options.get("radius", 1.0)) * unit
+        points = _center(scene)[:, None] + 1.02 * float(picture.radius) * unit
     shown = jax.jit(lambda camera, points: camera.project(points, picture.size))(picture.camera, jnp.asarray(points))
     if not np.all(shown.in_front):
         return 0, picture.size[0], 0, picture.size[1]
@@ -363,7 +362,7 @@ class Painted(AbstractMaterial):
 
 
 def _center(scene: Scene) -> np.ndarray:
-    return np.asarray(scene.picture.options.get("center", (0.0, 0.0, 0.0)), float)
+    return np.asarray(scene.picture.center, float)
 
 
 @functools.lru_cache(16)

@@ -322,8 +322,7 @@ def _full(scene: Scene, compiler: Compiler, knobs: tuple[Knob, ...]) -> Program:
     if picture.mesh is not None:
         refuse_behind(picture.mesh, picture.camera)
     else:
-        options = {"center": np.zeros(3), "radius": 1.0, **picture.options}
-        refuse_inside(picture.camera.eye, options["center"], options["radius"], "the sphere")
+        refuse_inside(picture.camera.eye, picture.center, picture.radius, "the sphere")
     return compiler.program(plan_of(scene, _dearest(knobs)))
 
 

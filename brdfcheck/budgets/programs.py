@@ -352,11 +352,7 @@ def _of_scene(scene: Scene, plan: Plan) -> dict[str, Any]:
     numbers = {"material": plain(plan.material), "lights": plan.lights, "camera": picture.camera}
     numbers["background"] = jnp.asarray(picture.background)
     if plan.facets is None:
-        options = picture.options
-        numbers["center"], numbers["radius"] = (
-            jnp.asarray(options.get(name, default), float) for name, default in (("center", (0.0, 0.0, 0.0)), ("radius", 1.0))
-        )
-        return numbers
+        return numbers | {"center": jnp.asarray(picture.center, float), "radius": jnp.asarray(picture.radius, float)}
     mesh = _mesh(scene, plan)
     return numbers | {"vertices": mesh.vertices, "faces": mesh.faces}
 

@@ -45,10 +45,10 @@ class AbstractHighlighted(AbstractMaterial):
     White at the centre of a full highlight, whatever lies under it.
     """
 
-    base: eqx.AbstractVar[Array]
-    d: eqx.AbstractVar[Array]
-    w: eqx.AbstractVar[Array]
-    n: eqx.AbstractVar[Array]
+    base: Float[Array, " 3"] = eqx.field(converter=_base)
+    d: Float[Array, ""] = eqx.field(converter=_share("d"), default=0.5, kw_only=True)
+    w: Float[Array, ""] = eqx.field(converter=_share("w"), default=1.0, kw_only=True)
+    n: Float[Array, ""] = eqx.field(converter=_power("n"), default=10.0, kw_only=True)
 
     @abc.abstractmethod
     def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
@@ -78,11 +78,6 @@ class Highlight(AbstractHighlighted):
     ValueError for values outside these ranges and for lights other than Distant, Point and Spot.
     """
 
-    base: Float[Array, " 3"] = eqx.field(converter=_base)
-    d: Float[Array, ""] = eqx.field(converter=_share("d"), default=0.5, kw_only=True)
-    w: Float[Array, ""] = eqx.field(converter=_share("w"), default=1.0, kw_only=True)
-    n: Float[Array, ""] = eqx.field(converter=_power("n"), default=10.0, kw_only=True)
-
     def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
         return own
 
@@ -96,11 +91,7 @@ class Translucent(AbstractHighlighted):
     the rest as for `Highlight`.
     """
 
-    base: Float[Array, " 3"] = eqx.field(converter=_base)
     behind: Float[Array, "3 ..."] = eqx.field(converter=_backdrop, default=0.0, kw_only=True)
-    d: Float[Array, ""] = eqx.field(converter=_share("d"), default=0.5, kw_only=True)
-    w: Float[Array, ""] = eqx.field(converter=_share("w"), default=1.0, kw_only=True)
-    n: Float[Array, ""] = eqx.field(converter=_power("n"), default=10.0, kw_only=True)
     t_h: Float[Array, ""] = eqx.field(converter=_share("t_h"), default=0.8, kw_only=True)
     t_p: Float[Array, ""] = eqx.field(converter=_power("t_p"), default=1.0, kw_only=True)
 

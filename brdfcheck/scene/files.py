@@ -38,7 +38,7 @@ _BOUNCES = 6  # of light in a clear sphere
 
 @dataclass(frozen=True)
 class Scene:
-    """One object before a camera. `mesh` None: the exact sphere; `options`: for `render_mesh` or `sphere_image`.
+    """One object before a camera: a mesh, with `options` for `render_mesh`, or the exact sphere of this center and radius.
 
     `named_files`: it was made of other files than its own, which may change while it stays what it is.
     """
@@ -48,6 +48,8 @@ class Scene:
     camera: AbstractCamera
     size: Size = (512, 512)
     background: Any = 0.0
+    center: Any = (0.0, 0.0, 0.0)
+    radius: Any = 1.0
     mesh: meshes.Mesh | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     named_files: bool = False
@@ -58,15 +60,15 @@ class Scene:
         ValueError for lights or places that do not fit, and for numbers that make it leave the range of single precision.
         """
         size = self.size if size is None else checked_size(size)
-        options = {"size": size, "background": self.background, **self.options}
-        if self.mesh is None and self.material.glass is not None:
-            options = {"center": np.zeros(3), "radius": 1.0, **options}
-            ball = Sphere(options.pop("center"), options.pop("radius"), self.material)
+        options = {"size": size, "background": self.background}
+        if self.mesh is not None:
+            image = render_mesh(self.mesh, self.camera, self.material, self.lights, **options, **self.options)
+        elif self.material.glass is not None:
+            ball = Sphere(self.center, self.radius, self.material)
             image = trace((ball,), self.lights, self.camera, depth=_BOUNCES, **options)
-        elif self.mesh is None:
-            image = sphere_image(self.material, self.lights, self.camera, **options)
         else:
-            image = render_mesh(self.mesh, self.camera, self.material, self.lights, **options)
+            options |= {"center": self.center, "radius": self.radius}
+            image = sphere_image(self.material, self.lights, self.camera, **options)
         image = np.asarray(image)
         lost = np.count_nonzero(~np.all(np.isfinite(image), axis=0))
         if lost:
@@ -78,7 +80,7 @@ class Scene:
 
 
 def _sphere(center: Any = (0.0, 0.0, 0.0), radius: Any = 1.0) -> dict[str, Any]:
-    """Where the exact sphere is, as the options of `sphere_image`."""
+    """Where the exact sphere is, as fields of a `Scene`."""
     return {"center": vector_of(center, "center", zero=True), "radius": scalar(radius, "radius", above=True)}
 
 
@@ -190,14 +192,11 @@ def scene_of(
     Raises UsageError where a number of the table is wrong.
     """
     folder = Path(label).parent if folder is None else folder
-    mesh, options = None, {}
-    if table.geometry is not None:
-        made = _made(table.geometry, f"{label}: geometry", folder)
-        if isinstance(made, meshes.Mesh):
-            mesh, options = made, table.geometry.model_dump(include=set(_OPTIONS), exclude_unset=True)
-            options |= {"cull": False} if meshes.border(mesh).size else {}  # sheets have two sides
-        else:
-            options = made
+    shape = _made(table.geometry, f"{label}: geometry", folder) if table.geometry else {}
+    if isinstance(shape, meshes.Mesh):
+        options = table.geometry.model_dump(include=set(_OPTIONS), exclude_unset=True)
+        options |= {"cull": False} if meshes.border(shape).size else {}  # sheets have two sides
+        shape = {"mesh": shape, "options": options}
     named_files = getattr(table.geometry, "kind", "") == "mesh"
     if isinstance(table.material, _Surface):
         named_files |= any(is_file_spec(term.brdf) for term in table.material.terms)
@@ -211,9 +210,8 @@ def scene_of(
         camera=Orthographic() if table.camera is None else _made(table.camera, f"{label}: camera"),
         size=table.size,
         background=_try(label, lambda: np.asarray(color_of(background, "background"))),
-        mesh=mesh,
-        options=options,
         named_files=named_files,
+        **shape,
     )
 
 

@@ -22,12 +22,19 @@ from brdfcheck.scene import polygon
 from brdfcheck.scene.vectors import TINY, Vector, checked, color_of, cross, dot, polar, power, scalar, unit, vector_of
 
 _INTENSITY = functools.partial(color_of, name="intensity")
+_CONSTANT, _LINEAR, _QUADRATIC, _EXPONENT = (
+    functools.partial(scalar, name=name)
+    for name in ("constant_attenuation", "linear_attenuation", "quadratic_attenuation", "spot_exponent")
+)
 
 
 class AbstractLight(eqx.Module):
     """Something that shines: a colour times a field."""
 
-    intensity: eqx.AbstractVar[Array]
+    @property
+    @abc.abstractmethod
+    def intensity(self) -> Float[Array, " 3"]:
+        """The colour."""
 
 
 class AbstractRayLight(AbstractLight):
@@ -65,12 +72,8 @@ class Distant(AbstractRayLight):
     ValueError for a direction of length 0 or a bad intensity.
     """
 
-    direction: Float[Array, " 3"]
-    intensity: Float[Array, " 3"]
-
-    def __init__(self, direction: Any, intensity: Any = 1.0):
-        self.direction = vector_of(direction, "direction")
-        self.intensity = _INTENSITY(intensity)
+    direction: Float[Array, " 3"] = eqx.field(converter=functools.partial(vector_of, name="direction"))
+    intensity: Float[Array, " 3"] = eqx.field(converter=_INTENSITY, default=1.0)
 
     def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
         return unit(Vector(*self.direction)), jnp.ones_like(self.direction[0])
@@ -79,20 +82,15 @@ class Distant(AbstractRayLight):
 class _Attenuated(AbstractRayLight):
     """A light at a place, dimmer the farther."""
 
-    position: Float[Array, " 3"]
-    constant_attenuation: Float[Array, ""]
-    linear_attenuation: Float[Array, ""]
-    quadratic_attenuation: Float[Array, ""]
+    position: Float[Array, " 3"] = eqx.field(converter=functools.partial(vector_of, name="position", zero=True))
+    constant_attenuation: Float[Array, ""] = eqx.field(converter=_CONSTANT, default=1.0, kw_only=True)
+    linear_attenuation: Float[Array, ""] = eqx.field(converter=_LINEAR, default=0.0, kw_only=True)
+    quadratic_attenuation: Float[Array, ""] = eqx.field(converter=_QUADRATIC, default=0.0, kw_only=True)
 
-    def _place(self, position: Any, intensity: Any, *attenuations: Any) -> None:
-        """The fields that all have, checked."""
-        self.position = vector_of(position, "position", zero=True)
-        self.intensity = _INTENSITY(intensity)
-        names = ("constant_attenuation", "linear_attenuation", "quadratic_attenuation")
-        arrays = [scalar(value, name) for value, name in zip(attenuations, names, strict=True)]
+    def __check_init__(self) -> None:
+        arrays = (self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation)
         if not any(isinstance(array, Tracer) or np.any(np.asarray(array)) for array in arrays):
-            raise ValueError(f"{', '.join(names)} must not all be 0")
-        self.constant_attenuation, self.linear_attenuation, self.quadratic_attenuation = arrays
+            raise ValueError("constant_attenuation, linear_attenuation, quadratic_attenuation must not all be 0")
 
     def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
         distance, direction = polar(Vector(*self.position) - point)
@@ -109,18 +107,7 @@ class Point(_Attenuated):
     radiant intensity. ValueError where one is negative or all are 0.
     """
 
-    intensity: Float[Array, " 3"]
-
-    def __init__(
-        self,
-        position: Any,
-        intensity: Any = 1.0,
-        *,
-        constant_attenuation: Any = 1.0,
-        linear_attenuation: Any = 0.0,
-        quadratic_attenuation: Any = 0.0,
-    ):
-        self._place(position, intensity, constant_attenuation, linear_attenuation, quadratic_attenuation)
+    intensity: Float[Array, " 3"] = eqx.field(converter=_INTENSITY, default=1.0)
 
 
 @final
@@ -131,29 +118,16 @@ class Spot(_Attenuated):
     light. ValueError for a cutoff outside [0, 90] other than 180, an exponent < 0 or a direction of length 0.
     """
 
-    spot_direction: Float[Array, " 3"]
-    intensity: Float[Array, " 3"]
-    spot_cutoff: Float[Array, ""]
-    spot_exponent: Float[Array, ""]
+    spot_direction: Float[Array, " 3"] = eqx.field(converter=functools.partial(vector_of, name="spot_direction"))
+    intensity: Float[Array, " 3"] = eqx.field(converter=_INTENSITY, default=1.0)
+    spot_cutoff: Float[Array, ""] = eqx.field(
+        converter=functools.partial(scalar, name="spot_cutoff", high=180), default=45.0, kw_only=True
+    )
+    spot_exponent: Float[Array, ""] = eqx.field(converter=_EXPONENT, default=0.0, kw_only=True)
 
-    def __init__(
-        self,
-        position: Any,
-        spot_direction: Any,
-        intensity: Any = 1.0,
-        *,
-        spot_cutoff: Any = 45.0,
-        spot_exponent: Any = 0.0,
-        constant_attenuation: Any = 1.0,
-        linear_attenuation: Any = 0.0,
-        quadratic_attenuation: Any = 0.0,
-    ):
-        self._place(position, intensity, constant_attenuation, linear_attenuation, quadratic_attenuation)
-        self.spot_direction = vector_of(spot_direction, "spot_direction")
-        self.spot_cutoff = scalar(spot_cutoff, "spot_cutoff", 0, 180)
+    def __check_init__(self) -> None:
         if not isinstance(self.spot_cutoff, Tracer) and 90 < float(self.spot_cutoff) < 180:
-            raise ValueError(f"spot_cutoff must be in [0, 90] degrees, or 180 for no cone; got {spot_cutoff}")
-        self.spot_exponent = scalar(spot_exponent, "spot_exponent")
+            raise ValueError(f"spot_cutoff must be in [0, 90] degrees, or 180 for no cone; got {float(self.spot_cutoff):g}")
 
     def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
         direction, irradiance = super().arriving(point)
@@ -161,6 +135,16 @@ class Spot(_Attenuated):
         inside = (cosine > 0) & (cosine >= jnp.cos(jnp.deg2rad(self.spot_cutoff)))
         share = power(cosine, self.spot_exponent)
         return direction, irradiance * jnp.where(self.spot_cutoff >= 180, 1, jnp.where(inside, share, 0))
+
+
+def _corners(vertices: Any) -> Float[Array, "k 3"]:
+    """The corners of a polygon, checked."""
+    corners = checked(vertices, "vertices", -np.inf, shapes=[(None, 3)], what="at least 3 rows of three numbers")
+    if len(corners) < 3:
+        raise ValueError(f"a polygon needs at least 3 vertices; got {len(corners)}")
+    if not isinstance(corners, Tracer) and (fault := polygon.fault(np.asarray(corners, float))):
+        raise ValueError(f"the polygon's {fault}")
+    return corners
 
 
 @final
@@ -177,31 +161,11 @@ class Polygon(AbstractLight):
     cross one another, or a bad intensity.
     """
 
-    vertices: Float[Array, "k 3"]
-    intensity: Float[Array, " 3"]
-    two_sided: bool = eqx.field(static=True)
-    horizon_clipping: bool = eqx.field(static=True)
-    matt_only: bool = eqx.field(static=True)
-
-    def __init__(
-        self,
-        vertices: Any,
-        intensity: Any = 1.0,
-        *,
-        two_sided: bool = True,
-        horizon_clipping: bool = True,
-        matt_only: bool = False,
-    ):
-        what = "at least 3 rows of three numbers"
-        self.vertices = checked(vertices, "vertices", -np.inf, shapes=[(None, 3)], what=what)
-        if len(self.vertices) < 3:
-            raise ValueError(f"a polygon needs at least 3 vertices; got {len(self.vertices)}")
-        if not isinstance(self.vertices, Tracer):
-            fault = polygon.fault(np.asarray(self.vertices, float))
-            if fault:
-                raise ValueError(f"the polygon's {fault}")
-        self.intensity = _INTENSITY(intensity)
-        self.two_sided, self.horizon_clipping, self.matt_only = bool(two_sided), bool(horizon_clipping), bool(matt_only)
+    vertices: Float[Array, "k 3"] = eqx.field(converter=_corners)
+    intensity: Float[Array, " 3"] = eqx.field(converter=_INTENSITY, default=1.0)
+    two_sided: bool = eqx.field(static=True, converter=bool, default=True, kw_only=True)
+    horizon_clipping: bool = eqx.field(static=True, converter=bool, default=True, kw_only=True)
+    matt_only: bool = eqx.field(static=True, converter=bool, default=False, kw_only=True)
 
     def irradiance(self, point: Vector, normal: Vector) -> Float[Array, "..."]:
         """The irradiance at the points over `intensity`: pi times the form factor, >= 0."""

@@ -21,7 +21,7 @@ from brdfcheck.scene.cameras import AbstractCamera, Size, checked_size
 from brdfcheck.scene.meshes import Mesh, Weighting, face_normals, vertex_normals
 from brdfcheck.scene.raster import Fragments, rasterise
 from brdfcheck.scene.shading import shade
-from brdfcheck.scene.vectors import backdrop_of, checked
+from brdfcheck.scene.vectors import backdrop_of, checked, unit
 
 Shader = Callable[[Array, Array, Array], Array]
 Image = Float[Array, "3 height width"]
@@ -42,19 +42,12 @@ def gouraud(mesh: Mesh, camera: AbstractCamera, fragments: Fragments, normals: A
 def phong(mesh: Mesh, camera: AbstractCamera, fragments: Fragments, normals: Array, shader: Shader) -> Image:
     """Normals at the vertices, interpolated, made unit again and shaded in each pixel. `normals`: unit, shape (vertices, 3)."""
     points = fragments.interpolate(mesh.faces, mesh.vertices.T)
-    return shader(points, unit_normals(mesh, fragments, normals), camera.view(points))
+    return shader(points, jnp.stack(unit(fragments.interpolate(mesh.faces, normals.T))), camera.view(points))
 
 
 SHADINGS: Mapping[str, Callable[[Mesh, AbstractCamera, Fragments, Array, Shader], Array]] = MappingProxyType(
     {"flat": flat, "gouraud": gouraud, "phong": phong}
 )
-
-
-def unit_normals(mesh: Mesh, fragments: Fragments, normals: Float[Array, "vertices 3"]) -> Image:
-    """Vertex normals interpolated and made unit again; where they cancel, the zero vector."""
-    blended = fragments.interpolate(mesh.faces, normals.T)
-    square = jnp.sum(blended * blended, axis=0)
-    return jnp.where(square > 0, blended / jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
 def shadings_of(

@@ -12,7 +12,8 @@ sphere on the other end of the chord.
 from __future__ import annotations
 
 import abc
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, final
 
 import equinox as eqx
@@ -40,6 +41,10 @@ _DEEPEST = 9
 Field = Float[Array, "3 pixels"]
 
 
+def _share(name: str) -> Callable[[Any], Array | None]:
+    return lambda part: None if part is None else color_of(part, name, 1)
+
+
 class AbstractBody(eqx.Module):
     """A shape with a material and what it does to rays: `mirror` and `transparency` are shares of the light, RGB in [0, 1].
 
@@ -49,10 +54,31 @@ class AbstractBody(eqx.Module):
     own `glass` is followed in the same way. The lower side of a BSDF is the inner one.
     """
 
-    material: AbstractMaterial | None
-    mirror: Float[Array, " 3"] | None
-    transparency: Float[Array, " 3"] | None
-    index: Float[Array, ""] | None
+    mirror: Float[Array, " 3"] | None = eqx.field(converter=_share("mirror"), default=None, kw_only=True)
+    transparency: Float[Array, " 3"] | None = eqx.field(converter=_share("transparency"), default=None, kw_only=True)
+    index: Float[Array, ""] = eqx.field(
+        converter=functools.partial(scalar, name="index", above=True), default=1.5, kw_only=True
+    )
+
+    def __check_init__(self) -> None:
+        material, parts = self.material, (self.mirror, self.transparency)
+        if not (material is None or isinstance(material, AbstractMaterial)):
+            raise TypeError(f"a material of brdfcheck.scene.materials is needed; got {type(material).__name__}")
+        if not any(isinstance(part, Tracer) for part in parts):
+            shares = np.stack([np.zeros(3) if part is None else np.asarray(part, float) for part in parts])
+            worst = int(np.argmax(np.sum(shares, axis=0)))
+            if np.sum(shares[:, worst]) > 1 + 1e-6:
+                given = " and ".join(f"{share:.6g}" for share in shares[:, worst])
+                raise ValueError(f"mirror and transparency must add up to at most 1; got {given}")
+        if self.transparency is not None and isinstance(material, Translucent):
+            raise ValueError("a Translucent material lets light through by its own equation; leave transparency out")
+        if self.transparency is not None and material is not None and material.glass is not None:
+            raise ValueError("the material has a smooth term that light goes through; leave transparency out")
+
+    @property
+    @abc.abstractmethod
+    def material(self) -> AbstractMaterial | None:
+        """What is shaded of it."""
 
     @abc.abstractmethod
     def distance(self, origin: Field, travel: Field, starts: Array) -> Float[Array, " pixels"]:
@@ -86,42 +112,13 @@ class AbstractBody(eqx.Module):
         return glass and (self.own * glass[0], glass[1])
 
 
-def _shares(mirror: Any, transparency: Any, index: Any, material: Any) -> tuple[Array | None, Array | None, Array | None]:
-    if not (material is None or isinstance(material, AbstractMaterial)):
-        raise TypeError(f"a material of brdfcheck.scene.materials is needed; got {type(material).__name__}")
-    named = ((mirror, "mirror"), (transparency, "transparency"))
-    parts = [None if part is None else color_of(part, name, 1) for part, name in named]
-    if not any(isinstance(part, Tracer) for part in parts):
-        total = sum(np.zeros(3) if part is None else np.asarray(part, float) for part in parts)
-        if np.any(total > 1 + 1e-6):
-            raise ValueError(f"mirror and transparency must add up to at most 1; got {mirror} and {transparency}")
-    if transparency is not None and isinstance(material, Translucent):
-        raise ValueError("a Translucent material lets light through by its own equation; leave transparency out")
-    if transparency is not None and material is not None and material.glass is not None:
-        raise ValueError("the material has a smooth term that light goes through; leave transparency out")
-    return parts[0], parts[1], None if transparency is None else scalar(index, "index", above=True)
-
-
 @final
 class Sphere(AbstractBody):
     """A sphere. ValueError unless the numbers are finite, radius and index > 0 and the shares add up to at most 1."""
 
-    center: Float[Array, " 3"]
-    radius: Float[Array, ""]
-
-    def __init__(
-        self,
-        center: Any,
-        radius: Any,
-        material: AbstractMaterial | None = None,
-        *,
-        mirror: Any = None,
-        transparency: Any = None,
-        index: Any = 1.5,
-    ):
-        self.center, self.radius = vector_of(center, "center", zero=True), scalar(radius, "radius", above=True)
-        self.material = material
-        self.mirror, self.transparency, self.index = _shares(mirror, transparency, index, material)
+    center: Float[Array, " 3"] = eqx.field(converter=functools.partial(vector_of, name="center", zero=True))
+    radius: Float[Array, ""] = eqx.field(converter=functools.partial(scalar, name="radius", above=True))
+    material: AbstractMaterial | None = None
 
     def distance(self, origin: Field, travel: Field, starts: Array) -> Float[Array, " pixels"]:
         way = origin - self.center[:, None]
@@ -146,25 +143,9 @@ class Sphere(AbstractBody):
 class Plane(AbstractBody):
     """The plane through `point` with the outward `normal_direction`, of any length. ValueError as for `Sphere`."""
 
-    point: Float[Array, " 3"]
-    normal_direction: Float[Array, " 3"]
-
-    def __init__(
-        self,
-        point: Any,
-        normal_direction: Any,
-        material: AbstractMaterial | None = None,
-        *,
-        mirror: Any = None,
-        transparency: Any = None,
-        index: Any = 1.5,
-    ):
-        self.point, self.normal_direction = (
-            vector_of(point, "point", zero=True),
-            vector_of(normal_direction, "normal_direction"),
-        )
-        self.material = material
-        self.mirror, self.transparency, self.index = _shares(mirror, transparency, index, material)
+    point: Float[Array, " 3"] = eqx.field(converter=functools.partial(vector_of, name="point", zero=True))
+    normal_direction: Float[Array, " 3"] = eqx.field(converter=functools.partial(vector_of, name="normal_direction"))
+    material: AbstractMaterial | None = None
 
     def _unit(self) -> Array:
         return jnp.stack(unit(self.normal_direction))
@@ -198,7 +179,10 @@ class _Shadowed(AbstractRayLight):
 
     light: AbstractRayLight
     share: Float[Array, " pixels"]
-    intensity: Float[Array, " 3"]
+
+    @property
+    def intensity(self) -> Float[Array, " 3"]:
+        return self.light.intensity
 
     def arriving(self, point: Vector) -> tuple[Vector, Float[Array, "..."]]:
         direction, falloff = self.light.arriving(point)
@@ -239,7 +223,7 @@ def _lit(bodies: Sequence[AbstractBody], light: AbstractLight, point: Field, k: 
         if isinstance(body.material, Translucent):
             passing = 1 - body.material.t_h
         share = share * jnp.where(blocked, passing, 1)
-    return _Shadowed(light=light, share=share, intensity=light.intensity)
+    return _Shadowed(light, share)
 
 
 def _branches(bodies: Sequence[AbstractBody]) -> tuple[bool, bool]:

@@ -24,7 +24,7 @@ from brdfcheck.quadrature.proposals import LobeGeometry, has_axis
 from brdfcheck.quadrature.rule import checked_count
 from brdfcheck.transport.angular import angular_operator
 from brdfcheck.transport.enclosures import Box, Sphere
-from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_at, standing
+from brdfcheck.transport.solution import Problem, Radius, Solution, Status, problem, radius_of, standing
 
 Sampling = Literal["lobe", "cosine"]
 Equation = Literal["continuous", "patches"]
@@ -85,16 +85,18 @@ def trace(
     if not float(jnp.sum(posed.emission)) > 0:
         raise ValueError("nothing emits: at least one patch must have an emission above 0")
     wall = _wall(Lambert(1.0) if brdf is None else brdf, posed.areas.dtype)
-    most = jnp.asarray(checked_count(max_bounces, "max_bounces") * each)
+    most, each = jnp.asarray(checked_count(max_bounces, "max_bounces") * each), jnp.asarray(each)
     # With a diffuse brdf of another reflectance than 1 the walls reflect that times `reflectance`.
     shown = eqx.tree_at(lambda p: p.reflectance, posed, posed.reflectance * wall.reflectance) if diffuse else posed
-    radius = radius_at(shown) if diffuse else _bounds(enclosure, posed, wall)
+    radius = radius_of(shown) if diffuse else _bounds(enclosure, posed, wall)
     code = standing(radius, refuses=True)
-    begins = (code == Status.SOLVED) | ((code == Status.UNDECIDED) & (not diffuse))
-    walked = _nowhere_yet(posed, jnp.asarray(each))
-    if begins:  # else there is nothing to compile either
-        walked = _walk(enclosure, posed, wall, key, walked, most, sampling, equation, diffuse)
-    return _told(shown, radius, code, begins, jnp.asarray(each), walked, diffuse)
+    if not ((code == Status.SOLVED) | ((code == Status.UNDECIDED) & (not diffuse))):  # nothing is compiled either
+        nothing = jnp.full_like(posed.areas, jnp.nan)
+        return Solution(
+            nothing, jnp.full_like(nothing, jnp.inf), nothing[0], 0 * posed.areas[0], each * lanes, radius, code, "paths"
+        )
+    walked = _walk(enclosure, posed, wall, key, each, most, sampling, equation, diffuse)
+    return _told(shown, radius, code, each, walked, diffuse)
 
 
 class _Walked(NamedTuple):
@@ -106,16 +108,9 @@ class _Walked(NamedTuple):
     steps: Array
 
 
-def _nowhere_yet(posed: Problem, each: Array) -> _Walked:
-    """Before the first bounce; each lane has `each` paths to go."""
-    dtype = posed.areas.dtype
-    left = jnp.broadcast_to(each, (_GROUPS * _LANES,))
-    return _Walked(jnp.zeros(_GROUPS * posed.areas.size, dtype), left, jnp.asarray(0.0, dtype), jnp.asarray(0))
-
-
 @eqx.filter_jit
 def _walk(
-    enclosure: Any, posed: Problem, brdf: Any, key: Any, zero: _Walked, most: Array, sampling: str, equation: str, diffuse: bool
+    enclosure: Any, posed: Problem, brdf: Any, key: Any, each: Array, most: Array, sampling: str, equation: str, diffuse: bool
 ) -> _Walked:
     dtype, patches, lanes = posed.areas.dtype, posed.areas.size, _GROUPS * _LANES
     group = jnp.asarray(np.repeat(np.arange(_GROUPS, dtype=np.int32), _LANES))
@@ -153,19 +148,20 @@ def _walk(
         return jnp.any(state[3].left > 0) & (state[3].steps < most)
 
     nowhere = jnp.zeros((lanes, 3), dtype)
-    return jax.lax.while_loop(goes_on, bounce, (nowhere, nowhere, nowhere[:, 0], zero))[3]
+    walked = _Walked(jnp.zeros(_GROUPS * patches, dtype), jnp.full(lanes, each), jnp.asarray(0.0, dtype), jnp.asarray(0))
+    return jax.lax.while_loop(goes_on, bounce, (nowhere, nowhere, nowhere[:, 0], walked))[3]
 
 
 @eqx.filter_jit
-def _told(posed: Problem, radius: Radius, code: Any, begins: Any, each: Array, walked: _Walked, diffuse: bool) -> Solution:
+def _told(posed: Problem, radius: Radius, code: Any, each: Array, walked: _Walked, diffuse: bool) -> Solution:
     dtype, patches, lanes = posed.areas.dtype, posed.areas.size, _GROUPS * _LANES
     # Each path carries the same power; a group's tally is an estimate of its own.
     share = jnp.sum(posed.areas * posed.emission) / ((each * _LANES).astype(dtype) * posed.areas)
     groups = posed.emission + walked.tally.reshape(_GROUPS, patches) * share
-    done = begins & jnp.all(walked.left == 0)
+    done = jnp.all(walked.left == 0)
     value = jnp.where(done, jnp.mean(groups, axis=0), jnp.nan)
     error = jnp.where(done, _standard_error(groups), jnp.inf)
-    code = jnp.where(begins & ~done, int(Status.STILL_MOVING), code)
+    code = jnp.where(done, code, int(Status.STILL_MOVING))
     code = jnp.where(done & (walked.heaviest > _HEAVY), int(Status.HEAVY), code)
     residual = jnp.max(jnp.abs(posed.residual(value))) if diffuse else jnp.asarray(jnp.nan, dtype)
     return Solution(value, error, residual, walked.steps.astype(dtype) * lanes, each * lanes, radius, code, "paths")

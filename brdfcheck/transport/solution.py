@@ -184,17 +184,12 @@ def spectral_radius(enclosure: AbstractEnclosure, reflectance: Any, *, iteration
     For one reflectance it is that reflectance. At most so many `iterations`; the bounds hold in any case.
     ValueError for reflectances that are negative or not finite.
     """
-    return radius_at(problem(enclosure, 0.0, reflectance), iterations)
+    return radius_of(problem(enclosure, 0.0, reflectance), iterations)
 
 
 @jax.jit
-def radius_at(problem: Problem, iterations: Any = _ITERATIONS) -> Radius:
-    """`spectral_radius` of a checked problem."""
-    return radius_of(problem, iterations)
-
-
 def radius_of(problem: Problem, iterations: Any = _ITERATIONS) -> Radius:
-    """`spectral_radius` within a program."""
+    """`spectral_radius` of a checked problem."""
     # In the product weighted with area / reflectance K is symmetric: there the Rayleigh quotient is a lower bound.
     weight = jnp.where(problem.reflectance > 0, problem.areas / jnp.where(problem.reflectance > 0, problem.reflectance, 1), 0)
     # A black patch has no part in it.
