@@ -33,8 +33,6 @@ from brdfcheck.studies import table
 
 GIVEN = "files of tables: .npy, .csv, C source or a bare list of numbers; FILE#ARRAY"
 
-__all__ = ["plot", "run", "summary"]
-
 
 def run(size: str = "full", given: Sequence[str] = ()) -> dict[str, Any]:
     """How far formulas, our own functions and the given files are off; small: 16 x 16 cells, two formulas."""

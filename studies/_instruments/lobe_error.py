@@ -126,9 +126,8 @@ def errors(form: CosineForm, n: float, samples: int) -> dict[str, float]:
     `max` and `mean` (over the angles, each counting alike) are absolute. `light`: the integral of \\|g - c^n\\| over solid
     angle, as a share of that of c^n. `centre`: the largest relative error where c^n >= 1/2. `ten_percent`: the level of c^n
     down to which the relative error stays within 10 %. `falloff`: the largest error where 1/2 > c^n >= 1/255, and
-    `falloff_relative`; `beyond`: the largest value where c^n < 1/255; `reach`: the last angle (degrees) with a value of
-    1/255, over that of c^n. `codes` and `codes_srgb`: the largest difference after rounding to 8 bits, of the value itself
-    and after the transfer curve of sRGB. `float32`: the largest error of the formula in float32, the cosine rounded too.
+    `falloff_relative`; `reach`: the last angle (degrees) with a value of 1/255, over that of c^n. `codes`: the largest
+    difference after rounding to 8 bits.
     """
     angle = np.linspace(0, np.pi / 2, samples)
     c, solid = np.cos(angle), np.sin(angle)
@@ -136,9 +135,8 @@ def errors(form: CosineForm, n: float, samples: int) -> dict[str, float]:
     exact = np.exp(n * np.log1p(-2 * np.sin(angle[:-1] / 2) ** 2))
     exact = np.append(exact, 0.0)
     value = np.asarray(form.bound(n)(jnp.asarray(c)))
-    single = np.asarray(form.bound(n)(jnp.asarray(c, jnp.float32)), np.float64)
     error = np.abs(value - exact)
-    centre, falloff, beyond = exact >= 0.5, (exact < 0.5) & (exact >= DARK), exact < DARK
+    centre, falloff = exact >= 0.5, (exact < 0.5) & (exact >= DARK)
     off = np.flatnonzero((error > 0.1 * exact) & (exact > 1e-300))
     last = [angle[np.flatnonzero(values >= DARK)[-1]] for values in (value, exact)]
     return {
@@ -149,21 +147,13 @@ def errors(form: CosineForm, n: float, samples: int) -> dict[str, float]:
         "ten_percent": float(exact[off[0]]) if len(off) else 0.0,
         "falloff": float(error[falloff].max()),
         "falloff_relative": float(np.max(error[falloff] / exact[falloff])),
-        "beyond": float(value[beyond].max()),
         "reach": float(last[0] / last[1]),
         "codes": float(np.max(np.abs(_codes(value) - _codes(exact)))),
-        "codes_srgb": float(np.max(np.abs(_codes(_srgb(value)) - _codes(_srgb(exact))))),
-        "float32": float(np.max(np.abs(single - exact))),
     }
 
 
 def _codes(value: np.ndarray) -> np.ndarray:
     return np.floor(CODES * value + 0.5)
-
-
-def _srgb(value: np.ndarray) -> np.ndarray:
-    curve = 1.055 * np.maximum(value, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(value <= 0.0031308, 12.92 * value, curve)
 
 
 def energies(form: CosineForm, exponents: Sequence[float]) -> dict[str, list[float]]:

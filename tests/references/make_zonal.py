@@ -18,15 +18,15 @@ half form, gamma the angle of the half vector, kinks at pi/4 -+ theta/2 (the sec
 Each piece between kinks and breakpoints of the lobe is integrated by Arb's `acb.integral` (adaptive Gauss-Legendre with
 rigorous error bounds from complex balls; Johansson 2018), so nothing is taken on trust but the two formulas. They are
 checked apart: `--check` compares with the closed forms (Phong at any angle, Mallett & Yuksel 2020; Blinn-Phong, Schlick
-and the binomial power at normal incidence; Blinn-Phong at grazing), with a plain two-dimensional sum of the BRDF over
-directions that knows neither formula, and with the rows of a table given as a further argument. About 80 seconds.
+and the binomial power at normal incidence; Blinn-Phong at grazing), and with a plain two-dimensional sum of the BRDF over
+directions that knows neither formula. About 80 seconds.
 
 The lobes: phong and schlick, kb (Kuijk-Blake) and ``*_mirror`` are functions of R.V; blinn, schlick_half, kb_half,
 lyonW and binomialK functions of N.H. lyonW has exponent 2^W; binomialK is max(0, 1 + (n/K)(c - 1))^K, ``_unclamped``
 without the max.
 
-Options: ``--check [table.csv]`` verifies; ``--matrix [lobe ...]`` makes the rows of the stability study instead (all lobes
-of it, half an hour); ``--oracles table.csv`` copies the rows of another table of the same columns in front of those made here.
+Options: ``--check`` verifies; ``--matrix [lobe ...]`` makes the rows of the stability study instead (all lobes of it, half an
+hour).
 
 The matrix has more columns, by_logarithm = n dE/dn and by_angle = dE/dtheta (twice, the second time as float32 defines it for
 microfacets), good to 1e-12 of the larger of themselves and E. They are integrals of the same kind: n dg/dn in place of g (g is
@@ -42,7 +42,6 @@ At 90 degrees it is the derivative from below, with p = pi/2.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 import sys
@@ -491,7 +490,7 @@ def brute_force(name: str, n: float, mu: float, order: int) -> float:
     return float(2 * np.sum(g * ct * st * polar_w[:, None] * phi_w))
 
 
-def check(tables: list[str]) -> None:
+def check() -> None:
     worst = 0.0
     cases = [(name, n, mu) for name in LOBES for n, mu in rows_of(name)]
     cases += [("schlick", 10.0, 1.0), ("schlick", 1e4, 1.0), ("binomial16", 60.0, 1.0), ("blinn", 10.0, 1.0)]
@@ -508,20 +507,11 @@ def check(tables: list[str]) -> None:
         for n, mu in ((2.5, 0.3), (20.0, 0.8)):
             value, plain = float(albedo(name, n, mu).mid()), brute_force(name, n, mu, 24)
             print(f"two-dimensional sum: {name} n={n} mu={mu}: relative difference {plain / value - 1:.1e}")
-    for table in tables:
-        distance, where = 0.0, ""
-        with open(table, newline="") as source:
-            for row in csv.DictReader(source):
-                value = albedo(row["lobe"], float(row["n"]), float(row["cos_theta"]))
-                this = abs(float(value.mid()) / float(row["albedo"]) - 1)
-                if this > distance:
-                    distance, where = this, f"{row['lobe']} n={row['n']} mu={row['cos_theta']}"
-        print(f"{table}: worst relative difference {distance:.1e} at {where}")
 
 
 def main(arguments: list[str]) -> None:
     if "--check" in arguments:
-        check(arguments[1:])
+        check()
         return
     if "--matrix" in arguments:
         print("lobe,n,cos_theta,albedo,radius,by_logarithm,by_angle,by_angle_float32")
@@ -533,18 +523,9 @@ def main(arguments: list[str]) -> None:
                 print(f"{name},{n!r},{mu!r},{text},{radius},{by_logarithm!r},{by_angle!r},{by_angle!r}", flush=True)
         return
     print("lobe,n,cos_theta,albedo,radius")
-    known: set[tuple[str, float, float]] = set()
-    if "--oracles" in arguments:
-        with open(arguments[arguments.index("--oracles") + 1], newline="") as source:
-            for row in csv.reader(source):
-                if row[0] != "lobe":
-                    known.add((row[0], float(row[1]), float(row[2])))
-                    print(",".join(row))
     for name in LOBES:
         start = time.perf_counter()
         for n, mu in dict.fromkeys(rows_of(name)):
-            if (name, n, mu) in known:
-                continue
             text, radius = printed(albedo(name, n, mu))
             print(f"{name},{n!r},{mu!r},{text},{radius}", flush=True)
         print(f"{name}: {time.perf_counter() - start:.1f} s", file=sys.stderr)

@@ -1,11 +1,8 @@
 """Where methods hold, lose digits, lie or break: rules over a matrix of lobes, exponents, angles, precisions and modes."""
 
 from _instruments.stability.failures import KNOWN_FAILURES as KNOWN_FAILURES
-from _instruments.stability.outcomes import GRADIENT_HOLDS as GRADIENT_HOLDS
-from _instruments.stability.outcomes import HOLDS as HOLDS
 from _instruments.stability.outcomes import NOT_ASKED as NOT_ASKED
 from _instruments.stability.outcomes import Gradients as Gradients
-from _instruments.stability.outcomes import Method as Method
 from _instruments.stability.outcomes import Outcome as Outcome
 from _instruments.stability.outcomes import Result as Result
 from _instruments.stability.outcomes import gradient_outcomes as gradient_outcomes
@@ -18,7 +15,6 @@ from _instruments.stability.references import KINDS as KINDS
 from _instruments.stability.references import LOBES as LOBES
 from _instruments.stability.references import MICROFACETS as MICROFACETS
 from _instruments.stability.references import Reference as Reference
-from _instruments.stability.references import label as label
 from _instruments.stability.references import read_references as read_references
 from _instruments.stability.survey import FOLLOWING as FOLLOWING
 from _instruments.stability.survey import SAMPLING as SAMPLING
