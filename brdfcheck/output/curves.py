@@ -115,12 +115,11 @@ def albedo_vs_angle(
     mu = np.unique(np.append(mu, np.clip(worst.cos_theta, mu[0], mu[-1])))
     value, error = at(mu)
     above = _intervals(mu, value, error, at, sampled.xtol)
-    ends = np.array(sorted({end for interval in above for end in interval} - set(mu.tolist())))
+    ends = np.setdiff1d([end for interval in above for end in interval], mu)
     if len(ends):
-        more, more_error = at(ends)
+        found = zip((mu, value, error), (ends, *at(ends)), strict=True)
         order = np.argsort(np.append(mu, ends), kind="stable")
-        mu, value = np.append(mu, ends)[order], np.append(value, more)[order]
-        error = np.append(error, more_error)[order]
+        mu, value, error = (np.append(old, new)[order] for old, new in found)
     member = {name: number(low) for name, (low, _) in family.ranges.items()}
     columns = {"at": member, "x": rounded(mu), "albedo": rounded(value)}
     return sampled.curve("albedo-vs-angle", columns, error, above)

@@ -18,7 +18,8 @@ from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColor
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from brdfcheck.plots import paper, strips
+from brdfcheck.plots import paper
+from brdfcheck.plots.strips import Frame
 from brdfcheck.plots.styles import Style, looks, styles
 from brdfcheck.verdict.report import TOLERANCE
 
@@ -39,13 +40,10 @@ _RED = ("#FDDBC7", "#F4A582", "#E0714F", "#C63A32", "#94142A", "#5C0A1E")
 def exponent(curves: Curves, scale: str | None, limits: Limits, title: str | None) -> Figure:
     """Albedo against a parameter: one curve a BRDF; a strip above says for which values which of them exceed 1."""
     look = _look(curves)
-    found = strips.violations(curves, look, _ends(curves, "range"))
-    figure, axes, strip, _ = strips.frame(found, _height(curves, 4.0))
-    parameter = paper.parameter_axis(axes, curves, scale)
-    axes.set_ylabel(_quantity(curves))
-    _draw(axes, axes, strip, curves, look, "albedo", limits, title)
-    strips.show_intervals(axes, strip, found, f"E > 1\nfor {parameter}")
-    return figure
+    frame = Frame(curves, look, "range", 4.0)
+    parameter = paper.parameter_axis(frame.axes, curves, scale)
+    frame.axes.set_ylabel(_quantity(curves))
+    return _drawn(frame, curves, look, "albedo", limits, title, parameter)
 
 
 def angle(curves: Curves, scale: str | None, limits: Limits, title: str | None) -> Figure:
@@ -61,13 +59,10 @@ def angle(curves: Curves, scale: str | None, limits: Limits, title: str | None) 
     turned = [
         {**curve, "label": _label(curve, curves), "x": curve["x"][::-1], "albedo": curve["albedo"][::-1]} for curve in curves
     ]
-    found = strips.violations(turned, look, _ends(curves, "cos_theta"))
-    figure, axes, strip, _ = strips.frame(found, _height(curves, 4.0))
-    paper.cosine_axis(axes, strip or axes, curves)
-    axes.set_ylabel("directional albedo E")
-    _draw(axes, axes, strip, turned, look, "albedo", limits, title)
-    strips.show_intervals(axes, strip, found, "E > 1\nfor θ", angles=True)
-    return figure
+    frame = Frame(turned, look, "cos_theta", 4.0)
+    paper.cosine_axis(frame.axes, frame.strip or frame.axes, curves)
+    frame.axes.set_ylabel("directional albedo E")
+    return _drawn(frame, turned, look, "albedo", limits, title, "θ")
 
 
 def factor(curves: Curves, scale: str | None, limits: Limits, title: str | None) -> Figure:
@@ -77,9 +72,8 @@ def factor(curves: Curves, scale: str | None, limits: Limits, title: str | None)
     with np.errstate(all="ignore"):
         ratios = [value / paper.floats(curve["exact"]) for curve, value in zip(curves, factors, strict=True)]
     shown = [{**curve, "ratio": ratio.tolist()} for curve, ratio in zip(curves, ratios, strict=True)]
-    found = strips.violations(curves, look, _ends(curves, "range"))
-    figure, axes, strip, below = strips.frame(found, _height(curves, 3.6), below=1.7)
-    assert below is not None
+    frame = Frame(curves, look, "range", 3.6, below=1.7)
+    axes, below = frame.axes, frame.lowest
     parameter = paper.parameter_axis(axes, curves, scale)
     below.set_xlabel(axes.get_xlabel())
     axes.set_xlabel("")
@@ -93,9 +87,7 @@ def factor(curves: Curves, scale: str | None, limits: Limits, title: str | None)
     below.grid(True)
     below.yaxis.set_major_formatter(FuncFormatter(lambda value, _: paper.text_of(value, 4)))
     below.yaxis.set_minor_formatter(NullFormatter())
-    _draw(axes, below, strip, shown, look, "ratio", limits, title)
-    strips.show_intervals(axes, strip, found, f"E > 1\nfor {parameter}")
-    return figure
+    return _drawn(frame, shown, look, "ratio", limits, title, parameter)
 
 
 def _look(curves: Curves) -> list[Style]:
@@ -103,20 +95,11 @@ def _look(curves: Curves) -> list[Style]:
     return [known[curve["name"]] for curve in curves]
 
 
-def _ends(curves: Curves, key: str) -> list[tuple[float, float]]:
-    return [(float(curve[key][0]), float(curve[key][1])) for curve in curves]
-
-
-def _height(curves: Curves, least: float) -> float:
-    """Inches: room for the names of many curves."""
-    return min(max(least, 0.17 * len(curves) + 0.6), 7.5)
-
-
-def _draw(
-    axes: Axes, lowest: Axes, strip: Axes | None, curves: Curves, look: Sequence[Style], key: str, limits: Limits,
-    title: str | None,
-) -> None:  # fmt: skip
-    """The albedo axis, the curves with what of each is above 1 shaded, the title and the names at their right ends."""
+def _drawn(
+    frame: Frame, curves: Curves, look: Sequence[Style], key: str, limits: Limits, title: str | None, parameter: str
+) -> Figure:
+    """The albedo axis, the curves with what of each is above 1 shaded, names at their right ends, the title and the strip."""
+    axes = frame.axes
     lines = paper.albedo_axis(axes, curves, limits, key)
     # Many shaded areas on top of each other would be mud.
     alpha = 0.22 if sum(bool(curve.get("above")) for curve in curves) <= 3 else 0.07
@@ -133,10 +116,12 @@ def _draw(
         # Equal ends are ranked by where the curves come from.
         middle = float(np.mean(np.clip(known, -10, 10))) if known.size else 0.0
         labels.append(paper.Label(paper.label_of(curve), style, float(known[-1]) if known.size else math.nan, middle))
-    paper.note(lowest, lines)
+    paper.note(frame.lowest, lines)
     paper.direct_labels(axes, labels)
     if title:
-        paper.title_above(strip or axes, title)
+        paper.title_above(frame.strip or axes, title)
+    frame.show_intervals(f"E > 1\nfor {parameter}")
+    return frame.figure
 
 
 def _label(curve: Mapping[str, Any], curves: Curves) -> str:
@@ -147,7 +132,7 @@ def _label(curve: Mapping[str, Any], curves: Curves) -> str:
 
 
 def _quantity(curves: Curves) -> str:
-    bounds = set(_ends(curves, "cos_theta"))
+    bounds = {(float(curve["cos_theta"][0]), float(curve["cos_theta"][1])) for curve in curves}
     if bounds == {(1.0, 1.0)}:
         return "albedo E at normal incidence"
     if len(bounds) == 1 and len(set(*bounds)) == 1:

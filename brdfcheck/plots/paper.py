@@ -259,9 +259,12 @@ def line_of(axes: Axes, x: np.ndarray, y: np.ndarray, style: Style, index: int, 
         wanted = (np.arange(4) + (index + 0.5) / max(count, 1)) / 4
         marked["markevery"] = sorted({int(np.argmin(np.abs(places - place))) for place in wanted})
     width = options.pop("linewidth", 1.7 if count < 12 else 1.3)
-    if style.dashes:
-        options["dashes"] = style.dashes
-    axes.plot(x, y, color=style.color, linewidth=width, **{"zorder": 3, **marked, **options})
+    axes.plot(x, y, linewidth=width, **{"zorder": 3, **stroke_of(style), **marked, **options})
+
+
+def stroke_of(style: Style) -> dict[str, Any]:
+    """The line's options."""
+    return {"color": style.color, "linestyle": (0, style.dashes) if style.dashes else "-"}
 
 
 def marker_of(style: Style) -> dict[str, Any]:
@@ -334,7 +337,7 @@ def direct_labels(axes: Axes, labels: Sequence[Label]) -> None:
 
 def name_beside(axes: Axes, text: str, style: Style, place: float) -> None:
     """A name right of the axes at this fraction of their height, with a sample of its line."""
-    _offset_line(axes, [(10, place), (33, place)], color=style.color, linewidth=1.7, dashes=style.dashes)
+    _offset_line(axes, [(10, place), (33, place)], linewidth=1.7, **stroke_of(style))
     _offset_line(axes, [(21.5, place)], color=style.color, **marker_of(style))
     axes.annotate(
         text, (1.0, place), (37, 0), xycoords="axes fraction", textcoords="offset points", ha="left", va="center",
@@ -349,20 +352,13 @@ def _offset_line(axes: Axes, points: Sequence[tuple[float, float]], **options: A
     # The right edge of the axes as it follows the layout: ScaledTranslation asks the transform anew whenever it has changed.
     right = Affine2D().scale(1 / 72) + figure.dpi_scale_trans + ScaledTranslation(1, 0, axes.transAxes)  # pyright: ignore
     transform = blended_transform_factory(right, axes.transAxes)
-    dashes = options.pop("dashes", ())
-    line = Line2D([x for x, _ in points], [y for _, y in points], transform=transform, clip_on=False, zorder=4, **options)
-    if dashes:
-        line.set_dashes(dashes)
-    axes.add_artist(line)
+    x, y = zip(*points, strict=True)
+    axes.add_artist(Line2D(x, y, transform=transform, clip_on=False, zorder=4, **options))
 
 
 def _legend(axes: Axes, labels: Sequence[Label], height: float) -> None:
-    handles = []
-    for label in labels:
-        line = Line2D([], [], color=label.style.color, label=label.text, linewidth=1.5, **marker_of(label.style))
-        if label.style.dashes:
-            line.set_dashes(label.style.dashes)
-        handles.append(line)
+    looks = ((label.text, stroke_of(label.style) | marker_of(label.style)) for label in labels)
+    handles = [Line2D([], [], label=text, linewidth=1.5, **look) for text, look in looks]
     rows = max(int(height / 0.17), 1)
     columns = math.ceil(len(handles) / rows)
     axes.legend(

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from brdfcheck.plots.paper import along, apart, degrees, keep_width, name_beside, text_of
 from brdfcheck.plots.styles import Style, ink
 
+Curves = Sequence[Mapping[str, Any]]
 Interval = tuple[float, float]
 
 _WIDTH = 7.0  # inches: the text width of a paper
@@ -30,56 +31,56 @@ class Violation:
     largest: str
 
 
-def violations(curves: Sequence[Mapping[str, Any]], look: Sequence[Style], edges: Sequence[Interval]) -> list[Violation]:
-    """The curves that exceed 1, in the order of the curves."""
-    return [
-        Violation(
-            sum(bool(other.get("above")) for other in curves) > 1,
-            style,
-            [(float(low), float(high)) for low, high in curve["above"]],
-            edge,
-            text_of(float(curve["largest"]["albedo"]), 5) if curve.get("largest") else "",
-        )
-        for curve, style, edge in zip(curves, look, edges, strict=True)
-        if curve.get("above")
-    ]
+class Frame:
+    """A figure with its main `axes`; above them a `strip` with a row for each BRDF that exceeds 1 (None where none does).
 
-
-def frame(found: Sequence[Violation], height: float, below: float = 0.0) -> tuple[Figure, Axes, Axes | None, Axes | None]:
-    """A figure with its main axes, of this `height` in inches; above them a strip with a row for each violating BRDF.
-
-    `below`: the height of axes below them. Returns the figure, the main axes, the strip (None where nothing violates), and the
-    axes below (None without any).
+    Inches of the main axes: `least`, and more where many curves have names; `below`: of axes below them, which are then the
+    `lowest`. `key`: where a curve has the range that its axis runs over.
     """
-    heights = [_ROW * len(found) + 0.05] if found else []
-    heights += [height, below] if below else [height]
-    figure = Figure(figsize=(_WIDTH, sum(heights)))
-    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights, hspace=0.03 if below else 0.02)
-    axes = figure.add_subplot(grid[1 if found else 0])
-    low = figure.add_subplot(grid[-1], sharex=axes) if below else None
-    return figure, axes, figure.add_subplot(grid[0], sharex=axes) if found else None, low
 
+    def __init__(self, curves: Curves, look: Sequence[Style], key: str, least: float, below: float = 0.0):
+        self.angles = key == "cos_theta"
+        violating = [(curve, style) for curve, style in zip(curves, look, strict=True) if curve.get("above")]
+        self.found = [
+            Violation(
+                len(violating) > 1,
+                style,
+                [(float(low), float(high)) for low, high in curve["above"]],
+                (float(curve[key][0]), float(curve[key][1])),
+                text_of(float(curve["largest"]["albedo"]), 5) if curve.get("largest") else "",
+            )
+            for curve, style in violating
+        ]
+        heights = [_ROW * len(violating) + 0.05] if violating else []
+        heights += [min(max(least, 0.17 * len(curves) + 0.6), 7.5), *([below] if below else [])]
+        self.figure = Figure(figsize=(_WIDTH, sum(heights)))
+        grid = self.figure.add_gridspec(len(heights), 1, height_ratios=heights, hspace=0.03 if below else 0.02)
+        self.axes = self.figure.add_subplot(grid[1 if violating else 0])
+        self.lowest = self.figure.add_subplot(grid[-1], sharex=self.axes) if below else self.axes
+        self.strip = self.figure.add_subplot(grid[0], sharex=self.axes) if violating else None
 
-def show_intervals(axes: Axes, strip: Axes | None, found: Sequence[Violation], words: str, angles: bool = False) -> None:
-    """Shade where the law is broken, and draw the strip that gives the ends. Limits must be set, labels drawn before."""
-    if strip is None:
-        return
-    strip.set_ylim(len(found), 0)
-    strip.set_yticks([])
-    strip.tick_params(axis="x", which="both", length=0, labelbottom=False)
-    for spine in strip.spines.values():
-        spine.set_visible(False)
-    strip.set_facecolor("none")
-    strip.text(-0.012, 0.5, words, transform=strip.transAxes, ha="right", va="center", fontsize=7.5, color="#333333")
-    few = len(found) <= 3
-    rows = [
-        _row(axes, strip, row, violation, few, few and _tinted(violation, found), angles) for row, violation in enumerate(found)
-    ]
-    keep_width(axes)
-    # The texts are as wide as they are: they can be kept inside and apart only once the layout is known.
-    inverted = axes.get_xlim()[0] > axes.get_xlim()[1]
-    for texts in rows:
-        _settle(strip, texts[::-1] if inverted else texts)
+    def show_intervals(self, words: str) -> None:
+        """Shade where the law is broken, and draw the strip that gives the ends. Limits must be set, labels drawn before."""
+        axes, strip, found = self.axes, self.strip, self.found
+        if strip is None:
+            return
+        strip.set_ylim(len(found), 0)
+        strip.set_yticks([])
+        strip.tick_params(axis="x", which="both", length=0, labelbottom=False)
+        for spine in strip.spines.values():
+            spine.set_visible(False)
+        strip.set_facecolor("none")
+        strip.text(-0.012, 0.5, words, transform=strip.transAxes, ha="right", va="center", fontsize=7.5, color="#333333")
+        few = len(found) <= 3
+        rows = [
+            _row(axes, strip, row, violation, few, few and _tinted(violation, found), self.angles)
+            for row, violation in enumerate(found)
+        ]
+        keep_width(axes)
+        # The texts are as wide as they are: they can be kept inside and apart only once the layout is known.
+        inverted = axes.get_xlim()[0] > axes.get_xlim()[1]
+        for texts in rows:
+            _settle(strip, texts[::-1] if inverted else texts)
 
 
 def _tinted(violation: Violation, found: Sequence[Violation]) -> bool:

@@ -137,12 +137,15 @@ class Plan:
 
     def chunk(self, index: int) -> Chunk:
         """The chunk of that number, in C order."""
-        place = tuple(int(i) for i in np.unravel_index(index, self.grid)) if self.grid else ()
+        return self.at(tuple(int(i) for i in np.unravel_index(index, self.grid)) if self.grid else ())
+
+    def at(self, place: tuple[int, ...]) -> Chunk:
+        """The chunk at that place in the grid of chunks."""
         parts = {
             axis.name: slice(i * axis.chunk, min((i + 1) * axis.chunk, len(axis)))
             for i, axis in zip(place, self.dimensions, strict=True)
         }
-        return Chunk(index, place, parts)
+        return Chunk(int(np.ravel_multi_index(place, self.grid)) if place else 0, place, parts)
 
     def program(self, chunk: Chunk) -> Program:
         """What computes a chunk."""
@@ -174,10 +177,7 @@ class Plan:
     def missing(self, done: Container[int]) -> Iterator[Chunk]:
         """The chunks whose numbers are not in `done`, in the order of `pieces`. Holds none of them."""
         for _, places in self.pieces():
-            for place in itertools.product(*places):
-                index = int(np.ravel_multi_index(place, self.grid)) if place else 0
-                if index not in done:
-                    yield self.chunk(index)
+            yield from (chunk for chunk in map(self.at, itertools.product(*places)) if chunk.index not in done)
 
     def waves(self, chunks: Iterable[Chunk], width: int) -> Iterator[list[Chunk]]:
         """The chunks, in that order, at most `width` at a time, and only such as share what is compiled."""

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from brdfcheck.sweep.compute import Computer, Result
 from brdfcheck.sweep.config import Config, read_config
 from brdfcheck.sweep.plan import Chunk, Plan
@@ -155,7 +153,7 @@ def estimate(plan: Plan, out: str | os.PathLike[str] | None) -> Estimate:
     # By what is compiled, not chunk by chunk: a dry run is for sweeps that are too large.
     kinds: dict[tuple[Any, ...], list[tuple[Chunk, int]]] = {}
     for program, places in plan.pieces():
-        first = plan.chunk(int(np.ravel_multi_index([place[0] for place in places], plan.grid)) if places else 0)
+        first = plan.at(tuple(place[0] for place in places))
         cells = plan.cells_of(places) - there[plan.compiled(first)]
         if cells:
             kinds.setdefault(tuple(program.settings[name] for name in ("brdf", "rule", "precision")), []).append((first, cells))

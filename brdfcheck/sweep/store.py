@@ -228,7 +228,7 @@ class Store:
             if len(parts) == len(grid) and all(part.isdecimal() for part in parts) and file.is_file():
                 place = tuple(map(int, parts))
                 if all(i < count for i, count in zip(place, grid, strict=True)):
-                    found.append(int(np.ravel_multi_index(place, grid)) if place else 0)
+                    found.append(self.plan.at(place).index)
         return sorted(found)
 
     def _verified(self, chunk: Chunk) -> bool:
