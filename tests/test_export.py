@@ -313,6 +313,12 @@ def test_the_same_bytes_each_time_and_nothing_besides(table, kind, tmp_path):
     assert stat.S_IMODE(os.stat(first).st_mode) & 0o111 == 0
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_command_may_hold_bytes_of_no_encoding(table, kind, tmp_path):
+    write_table(tmp_path / "table", table, kind, command="brdfcheck fit mine\udcff.py:f")
+    assert (tmp_path / "table").stat().st_size > 0
+
+
 def test_bad_output(table, tmp_path):
     with pytest.raises(ValueError, match="csv, npy, exr; got 'png'"):
         write_table(tmp_path / "table.png", table)

@@ -153,11 +153,10 @@ def _reading(
         typer.Option("-I", metavar="FOLDER", help="Shader files: look for includes in this folder too. Repeatable."),
     ] = None,
     args: Annotated[
-        tuple | None,
+        str | None,
         typer.Option(
             "--args",
             metavar="L,V,N,X,Y",
-            parser=words.roles,
             help="Shader files: what the arguments of the function are, in its order: L to the light, V to the viewer, N, X, Y"
             " the frame, any other word a parameter. [default: by their names]",
         ),
@@ -167,7 +166,7 @@ def _reading(
         typer.Option("--returns", help="Functions in files return the BRDF, or the BRDF times the cosine at the light."),
     ] = "brdf",
 ) -> Reading:
-    return Reading(dict(define or ()), tuple(include or ()), tuple(args or ()), returns)
+    return Reading(dict(define or ()), tuple(include or ()), () if args is None else tuple(args.split(",")), returns)
 
 
 def command(name: str, *, epilog: str) -> Callable[[Callable[..., int]], Callable[..., int]]:

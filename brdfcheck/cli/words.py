@@ -152,14 +152,6 @@ def macro(text: str) -> tuple[str, str]:
     return name, value if equals else "1"
 
 
-def roles(text: str) -> tuple[str, ...]:
-    """``L,V,N,X,Y``: what the arguments of a function are. BadParameter where L or V is missing."""
-    found = tuple(part.strip() for part in text.split(","))
-    if not {"L", "V"} <= set(found) or not all(found):
-        raise BadParameter(f"must name the arguments in order, L and V among them, as in L,V,N; got {one_line(text)!r}")
-    return found
-
-
 def share(text: str) -> float:
     """A number from 0 to 1, or a fraction as in ``0.5/255``. BadParameter otherwise."""
     parts = [number(part) for part in text.split("/")]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brdfcheck.fits.compensation import SMALLEST, Compensation
-from brdfcheck.fits.grids import Sampler
 from brdfcheck.fits.rational import rounded
 from brdfcheck.fits.renderer import RendererTable, average_albedo
 from brdfcheck.fits.surface import AlbedoFit, fit_albedo, fit_row, fit_share
@@ -76,8 +75,7 @@ def compact_fits(
         white = None if found.white is found.family else fit_albedo(found.white, degree=degree)
     average = None
     if table.average is not None:
-        cheap = Sampler(found.family, None).albedo.fast
-        average = fit_row(found.family, lambda parameters: average_albedo(found.family, parameters), cheap=cheap)
+        average = fit_row(found.family, lambda parameters: average_albedo(found.family, parameters))
     albedo = fit_albedo(found.family, degree=degree)
     added = None if compensation is None else _fit_compensation(table, albedo, compensation)
     return CompactFits(albedo, white, share, average, added)

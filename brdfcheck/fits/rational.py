@@ -107,7 +107,7 @@ def best_surface(
     """
     varies = bool(np.any(u != u[0])), bool(np.any(v != v[0]))
     up, down = powers(degree[0], varies), powers(degree[1], varies)
-    if len(values) < len(up) + len(down):
+    if len(values) < len(up) + len(down) - 1:
         raise ValueError(f"{len(up) + len(down) - 1} coefficients need at least as many points; got {len(values)}")
     if not np.all(np.isfinite(values)):
         raise ValueError(f"the values must be finite; got {values[~np.isfinite(values)][0]}")

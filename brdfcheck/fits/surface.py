@@ -30,12 +30,14 @@ from brdfcheck.runtime import double_precision
 
 DEGREES = ((4, 3), (5, 2))
 """Total degrees of numerator and denominator that are tried where no degree is given."""
-ROW_DEGREES = ((4, 2),)
-"""The same of a function of one variable."""
 
-# By `PointwiseAlbedo.effort`: exponents and cosines of the grid that is fitted, and of the finer one along each axis.
-_GRIDS = (((33, 29), 129), ((25, 25), 65), ((11, 11), 13), ((11, 11), 13))
-_PATCH = 17
+# By `PointwiseAlbedo.effort`: exponents and cosines of the grid that is fitted, and along each axis of the finer one and of the
+# one around its worst point.
+_GRIDS = (((33, 29), 129, 17), ((25, 25), 65, 17), ((11, 11), 13, 3), ((11, 11), 13, 3))
+# Of a function of one variable, unless it is slow. They are equal, for each number of points is a program to compile.
+_ROW_GRID = ((65, 1), 65, 65)
+# Its degrees; it is smooth enough for the first of its variables.
+_ROW_DEGREES = ((4, 2),)
 # By how much an albedo may exceed 1 by rounding.
 _ROUNDED = 1e-9
 # Grids larger than this are thinned for the first trials; so many of these are then looked at on the whole grid.
@@ -194,7 +196,7 @@ def fit_share(family: Family, part: Family, degree: tuple[int, int] | None = Non
 def fit_row(family: Family, row: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], *, cheap: bool = False) -> AlbedoFit:
     """A function of the parameter of `family` alone, such as its average albedo, as `fit_albedo` fits one of two variables.
 
-    `row`: gives values and errors (points,). `cheap`: many of them may be asked for. Raises as `fit_albedo` does.
+    `row`: gives values and errors (points,). `cheap`: it costs less than an albedo. Raises as `fit_albedo` does.
     """
 
     class Row(Sampler):
@@ -203,7 +205,7 @@ def fit_row(family: Family, row: Callable[[np.ndarray], tuple[np.ndarray, np.nda
             return value, error
 
     with double_precision():
-        return _Problem(replace(family, cos_theta=(1.0, 1.0)), Row, 0 if cheap else None).fit(ROW_DEGREES)
+        return _Problem(replace(family, cos_theta=(1.0, 1.0)), Row, row=True, cheap=cheap).fit(_ROW_DEGREES, 1)
 
 
 def _is_degree(degree: Any) -> bool:
@@ -215,14 +217,19 @@ def _is_degree(degree: Any) -> bool:
 class _Problem:
     """The samples of one family: those that are fitted and those that the fit is measured on."""
 
-    def __init__(self, family: Family, sampler: Callable[[Family, float | None], Sampler] = Sampler, effort: int | None = None):
+    def __init__(
+        self,
+        family: Family,
+        sampler: Callable[[Family, float | None], Sampler] = Sampler,
+        row: bool = False,
+        cheap: bool = False,
+    ):
         self.sample = sampler(family, None)
-        self.fast = self.sample.albedo.fast or effort is not None
-        effort = self.sample.albedo.effort if effort is None else effort
+        effort = self.sample.albedo.effort
         if effort > 0:  # a fit is good to 1e-4 at best: where accuracy costs time, little of it is asked for
             self.sample = sampler(family, 1e-6)
         self.family = family
-        sizes, finer = _GRIDS[effort]
+        sizes, finer, self.patch = _ROW_GRID if row and (cheap or self.sample.albedo.fast) else _GRIDS[effort]
         varies = [low < high for low, high in (self.sample.range, family.cos_theta)]
         points = [lobatto(size if many else 1) for size, many in zip(sizes, varies, strict=True)]
         self.parameter, self.mu = self._spread(points[0]), self._angles(points[1])
@@ -264,12 +271,12 @@ class _Problem:
             kinds = [kind for kind in kinds if kind[2] == "none"]
         return [_scaled(Variables(*kind), self.sample.range, self.family.cos_theta) for kind in kinds]
 
-    def fit(self, degrees: tuple[tuple[int, int], ...]) -> AlbedoFit:
-        """The best of all variables and `degrees`, with its error."""
+    def fit(self, degrees: tuple[tuple[int, int], ...], most: int | None = None) -> AlbedoFit:
+        """The best of all variables (or so many of them) and `degrees`, with its error."""
         # All trials on a quarter of the points, the most promising ones on all.
         few = 2 if self.values.size > _FEW else 1
         trials = []
-        for variables, degree in product(self.candidates(), degrees):
+        for variables, degree in product(self.candidates()[:most], degrees):
             trial = self._approximation(variables, degree, few)
             trials.append((trial.error, len(trials), variables, degree, trial))
         best: tuple[float, Variables, RationalSurface, tuple[int, int]] | None = None
@@ -280,7 +287,7 @@ class _Problem:
             if (best is None or found.error < best[0]) and lower_bound(found.surface.denominator) > 0:
                 best = found.error, variables, found.surface, degree
         if best is None:  # all of them have poles, which polynomials have not
-            return self.fit(tuple((up + down, 0) for up, down in degrees))
+            return self.fit(tuple((up + down, 0) for up, down in degrees), most)
         return self._measured(*best[1:])
 
     def _approximation(
@@ -299,7 +306,7 @@ class _Problem:
         total = error + self.finer_errors
         i, j = np.unravel_index(np.argmax(total), total.shape)
         around = tuple(
-            np.linspace(axis[max(k - 1, 0)], axis[min(k + 1, len(axis) - 1)], _PATCH if self.fast else 3)
+            np.linspace(axis[max(k - 1, 0)], axis[min(k + 1, len(axis) - 1)], self.patch)
             for axis, k in zip(self.finer, (i, j), strict=True)
         )
         values, errors = self.sample(*around)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.fits.grids import AlbedoGrid, formula_of
+from brdfcheck.messages import one_line
 from brdfcheck.output import records
 from brdfcheck.output.text import describe
 
@@ -101,7 +102,7 @@ def write_beside(path: str | os.PathLike[str], content: bytes, metadata: Mapping
 def texts(metadata: Mapping[str, Any]) -> dict[str, str]:
     """Each item on one line: strings as they are, the rest as JSON."""
     return {
-        key: " ".join(value.split()) if isinstance(value, str) else json.dumps(value, allow_nan=False)
+        key: one_line(value) if isinstance(value, str) else json.dumps(value, allow_nan=False)
         for key, value in metadata.items()
     }
 

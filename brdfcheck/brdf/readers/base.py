@@ -37,6 +37,11 @@ class Reading:
         for name in self.defines:
             if not (name.isascii() and name.isidentifier()):
                 raise UsageError(f"{one_line(name)!r} is no name of a macro")
+        roles = tuple(part.strip() for part in self.arguments)
+        if roles and not ({"L", "V"} <= set(roles) and all(roles)):
+            told = f"must name the arguments in order, L and V among them, as in L,V,N; got {one_line(','.join(roles))!r}"
+            raise UsageError(f"--args: {told}")
+        object.__setattr__(self, "arguments", roles)
 
     @property
     def record(self) -> dict[str, Any]:

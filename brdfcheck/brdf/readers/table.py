@@ -20,7 +20,7 @@ class ReadingTable(Model):
 
     def reading(self, label: str) -> Reading:
         """The `Reading` that the table describes. UsageError, which begins with `label`, where it is none."""
-        roles = tuple(part.strip() for part in self.args.split(",")) if self.args.strip() else ()
+        roles = tuple(self.args.split(",")) if self.args.strip() else ()
         try:
             return Reading({name: str(value) for name, value in self.defines.items()}, tuple(self.folders), roles, self.returns)
         except UsageError as error:

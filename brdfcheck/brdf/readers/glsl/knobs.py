@@ -80,14 +80,13 @@ def placed(whole: Any, path: tuple[int, ...], value: Any) -> Any:
 
 @dataclass
 class Settings:
-    """What the parameters are: numbers for those that are held, names of the family's parameters for those that run.
+    """What the parameters are.
 
-    `held`: by knob, a number for each component or None; `swept`: by knob, a name for each component or None; `shown`: what is
-    held, for reports; `defaults`: where those that run start.
+    `parts`: by knob, for each component a number where it is held, the name of the family's parameter where it runs, or None;
+    `shown`: what is held, for reports; `defaults`: where those that run start.
     """
 
-    held: dict[str, list[float | None]] = field(default_factory=dict)
-    swept: dict[str, list[str | None]] = field(default_factory=dict)
+    parts: dict[str, list[float | str | None]] = field(default_factory=dict)
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
     shown: dict[str, float] = field(default_factory=dict)
     switches: set[str] = field(default_factory=set)
@@ -96,9 +95,7 @@ class Settings:
     def values(self, knob: Knob, numbers: Mapping[str, Any]) -> Any:
         """The value of a knob for numbers of the family's parameters."""
         kind = str(kind_of(knob.type))
-        leaves = []
-        for number, name in zip(self.held[knob.name], self.swept[knob.name], strict=True):
-            leaves.append(_leaf(number if name is None else numbers[name], kind))
+        leaves = [_leaf(numbers[part] if isinstance(part, str) else part, kind) for part in self.parts[knob.name]]
         return leaves[0] if isinstance(knob.type, Scalar) else tuple(leaves)
 
 
@@ -129,18 +126,12 @@ def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter:
     settings = Settings()
     absent: list[Knob] = []
     for knob in knobs:
-        held: list[float | None] = [None] * knob.size
-        swept: list[str | None] = [None] * knob.size
-        start = knob.plain or knob.default
-        if start is not None:
-            held = list(start)
-        elif knob.idle:
-            held = [0.0] * knob.size
-        settings.held[knob.name], settings.swept[knob.name] = held, swept
+        parts: list[float | str | None] = [*(knob.plain or knob.default or [0.0 if knob.idle else None] * knob.size)]
+        settings.parts[knob.name] = parts
         whole = given.get(knob.name, knob.bounds)
         if knob.name in given and isinstance(knob.type, Vector) and len(tuple(given[knob.name])) == knob.size != 2:
             for i, number in enumerate(given[knob.name]):
-                held[i] = interval(f"{knob.name}.{_COMPONENTS[0][i]}", (number, number))[0]
+                parts[i] = interval(f"{knob.name}.{_COMPONENTS[0][i]}", (number, number))[0]
             whole = None
         elif knob.name in given and isinstance(knob.type, Vector) and knob.size == 2 and not _is_range(given[knob.name]):
             raise UsageError(f"{spec}: give {knob.name}.x and {knob.name}.y")
@@ -149,10 +140,10 @@ def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter:
         for part, i in knob.components:
             if part in given:
                 _settled(settings, knob, part, given[part], [i], spec)
-        if any(number is None and name is None for number, name in zip(held, swept, strict=True)):
+        if None in parts:
             absent.append(knob)
-        elif not any(swept) and not (knob.idle and knob.name not in given):
-            settings.shown |= _shown(knob, held)
+        elif not (knob.idle and knob.name not in given):
+            settings.shown |= _shown(knob, parts)
     if absent:
         raise no_range(spec, [knob.name for knob in absent])
     return settings
@@ -172,8 +163,7 @@ def _settled(settings: Settings, knob: Knob, name: str, bounds: Any, places: Ite
     if kind == "bool" and not {low, high} <= {0.0, 1.0}:
         raise UsageError(f"{spec}: {name} is a bool: 0, 1 or 0:1; got {low:g}:{high:g}")
     for i in places:
-        settings.held[knob.name][i] = low if low == high else None
-        settings.swept[knob.name][i] = None if low == high else name
+        settings.parts[knob.name][i] = low if low == high else name
     if low < high:
         settings.ranges[name] = (low, high)
         if knob.default is not None and low <= knob.default[0] <= high:
@@ -182,8 +172,11 @@ def _settled(settings: Settings, knob: Knob, name: str, bounds: Any, places: Ite
             settings.switches.add(name)
 
 
-def _shown(knob: Knob, held: list[float | None]) -> dict[str, float]:
-    numbers = [number for number in held if number is not None]
+def _shown(knob: Knob, parts: list[float | str | None]) -> dict[str, float]:
+    """A knob by its name where its components are one number, else by those; nothing where any of them runs."""
+    numbers = [part for part in parts if isinstance(part, float)]
+    if len(numbers) < len(parts):
+        return {}
     if len(set(numbers)) == 1:
         return {knob.name: numbers[0]}
     return {f"{knob.name}.{_COMPONENTS[1 if knob.plain else 0][i]}": number for i, number in enumerate(numbers)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.errors import Position, did_you_mean, mistake
@@ -130,11 +130,3 @@ def _called(node: object) -> Iterator[str]:
             waiting += now
         elif dataclasses.is_dataclass(now) and not isinstance(now, type):
             waiting += [getattr(now, field.name) for field in dataclasses.fields(now)]
-
-
-def allowed(words: Iterable[str]) -> tuple[str, ...]:
-    """The words of --args, of which L and V must be two. UsageError otherwise."""
-    found = tuple(word.strip() for word in words)
-    if not {"L", "V"} <= set(found):
-        raise UsageError(f"--args must name L and V, as in L,V,N; got {','.join(found)}")
-    return found

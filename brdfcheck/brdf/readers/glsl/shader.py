@@ -20,7 +20,7 @@ from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, kind_of
 from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, at_path, fields_of, missing, names_of, placed, settle
 from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
 from brdfcheck.brdf.readers.glsl.program import Program
-from brdfcheck.brdf.readers.glsl.roles import VEC3, allowed, find, roles_of
+from brdfcheck.brdf.readers.glsl.roles import VEC3, find, roles_of
 from brdfcheck.brdf.readers.glsl.scopes import Routine
 from brdfcheck.runtime import STRAIGHT_LINE, double_precision
 
@@ -156,12 +156,11 @@ class ShaderFile(AbstractFile):
         source = preprocess(self._text, self.path, defines={**reading.defines, **held}, folders=reading.folders, swept=swept)
         given: dict[str, Type] = {item.name: item.type for item in self._declared} | dict.fromkeys(swept, FLOAT)
         program = Program(source, self._dialect, given)
-        asked = allowed(reading.arguments) if reading.arguments else ()
         routine = find(program, self._function, self.path)
         at = routine.node.at
         if routine.result not in (FLOAT, VEC3):
             raise program.mistake(at, f"{routine.name}() returns {routine.result}; a BRDF returns float or vec3")
-        roles = roles_of(routine, asked, program, by_place=self._analytic and len(routine.types) == 5)
+        roles = roles_of(routine, reading.arguments, program, by_place=self._analytic and len(routine.types) == 5)
         if not {"L", "V"} <= set(roles):
             raise program.mistake(
                 at,

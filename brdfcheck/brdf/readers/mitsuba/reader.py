@@ -140,13 +140,12 @@ class PlugInFile(AbstractFile):
         given = {name: 0.5 * float(bounds[0]) + 0.5 * float(bounds[1]) for name, bounds in own.items() if len(bounds) == 2}
         given = {name: value for name, value in given.items() if value and "." not in name and not _is_colour(name)}
         try:
-            plugin = self._loaded(given) if given else self._loaded({})
+            plugin = self._loaded(given)
         except UsageError:  # a parameter that is no property of that name: `traverse` alone knows it
             plugin = self._loaded({})
         knobs, keys = self._seen(plugin)
-        before = {knob.name: knob.default for knob in self._knobs}
-        missing = set(before) - set(keys)
-        if missing:  # other properties, other parameters
+        before = {knob.name for knob in self._knobs}
+        if before - set(keys):  # other properties, other parameters
             plugin = self._loaded({})
             knobs, keys = self._seen(plugin)
         return plugin, [knob for knob in knobs if knob.name in before], keys
@@ -155,10 +154,7 @@ class PlugInFile(AbstractFile):
 def _is_grey(brdf: PlugInBRDF, knobs: list[Knob], settings: Settings) -> bool:
     """True where no colour has components that differ, and what else is coloured, as a texture, does not show at directions."""
     for knob in knobs:
-        if (
-            isinstance(knob.type, Vector)
-            and len(set(zip(settings.held[knob.name], settings.swept[knob.name], strict=True))) > 1
-        ):
+        if isinstance(knob.type, Vector) and len(set(settings.parts[knob.name])) > 1:
             return False
     values = brdf(*sample())
     return bool(np.all(values == values[:, :1]))
