@@ -14,10 +14,11 @@ from numpy_raster import camera_rays
 from selection import few
 from shared import equations
 
+from brdfcheck import geometry
 from brdfcheck.brdf.microfacet import boundary_reflectance
 from brdfcheck.brdf.transmission import RoughDielectric
 from brdfcheck.brdf.two_sides import bsdf
-from brdfcheck.geometry import reflected, refracted
+from brdfcheck.geometry import reflected
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene import tracing
 from brdfcheck.scene.artistic import Highlight, Translucent
@@ -27,6 +28,8 @@ from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.shading import shade
 from brdfcheck.scene.tracing import Plane, Sphere, composed, trace
 
+# As in a tracer's program: operation by operation, each shape would compile dozens of small ones.
+refracted = jax.jit(geometry.refracted, static_argnames="axis")
 trace64 = functools.partial(trace, dtype=jnp.float64, least_weight=0.0)
 
 
