@@ -454,6 +454,7 @@ def ball_trace(camera=None, size=(4, 4), **options):
         (lambda: Sphere((0, 0, 0), 0.0), ValueError, "radius must be finite and > 0"),
         (lambda: Sphere((0, 0, 0), 1.0, mirror=-0.1), ValueError, "mirror must be finite and >= 0"),
         (lambda: Sphere((0, 0, 0), 1.0, mirror=0.7, transparency=0.4), ValueError, "must add up to at most 1; got 0.7 and 0.4"),
+        (lambda: Plane((0, 0, 0), (0, 0, 1), mirror=(0, 0.8, 0.1), transparency=(0.9, 0.3, 0)), ValueError, "got 0.8 and 0.3"),
         (lambda: Sphere((0, 0, 0), 1.0, transparency=1.0, index=0.0), ValueError, "index must be finite and > 0; got 0.0"),
         (lambda: Sphere((0, 0, 0), 1.0, transparency=np.inf), ValueError, "transparency must be finite"),
         (lambda: Sphere((0, 0, 0), 1.0, SHEER(0.5), transparency=0.5), ValueError, "leave transparency out"),

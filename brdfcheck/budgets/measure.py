@@ -47,7 +47,7 @@ _DEPENDS = {
 }  # fmt: skip
 # Scenes whose measurements are kept.
 _KEPT = 8
-_kept: list[tuple[Any, Measured]] = []
+_kept: dict[Any, Measured] = {}
 
 
 class BudgetError(ValueError):
@@ -296,13 +296,11 @@ def measure(scene: Any, watch: Watch = lambda name: None) -> Measured:
         if not isinstance(scene, Scene):
             raise TypeError(f"a scene is a path, a document or a Scene of brdfcheck.budgets; got {type(scene).__name__}")
         key = scene if scene.picture.named_files else key
-        for other, measured in _kept:
-            if other is key or (isinstance(key, tuple) and other == key):
-                return measured
-        measured = _measure(scene, watch)
-        _kept[: len(_kept) + 1 - _KEPT] = []
-        _kept.append((key, measured))
-        return measured
+        if key not in _kept:
+            _kept[key] = _measure(scene, watch)
+            if len(_kept) > _KEPT:
+                del _kept[next(iter(_kept))]  # the oldest
+        return _kept[key]
 
 
 def full_model(scene: Scene, size: tuple[int, int] | None = None) -> Image:

@@ -25,7 +25,7 @@ from brdfcheck.scene.cameras import WHOLE, Part
 from brdfcheck.scene.lights import Ambient, Polygon
 from brdfcheck.scene.materials import Surface
 from brdfcheck.scene.meshes import Mesh, icosphere, vertex_normals
-from brdfcheck.scene.raster import rasterise
+from brdfcheck.scene.raster import WINDOW, rasterise
 from brdfcheck.scene.smooth import SHADINGS
 from brdfcheck.scene.sphere import seen_sphere
 from brdfcheck.scene.vectors import Vector, spread
@@ -36,8 +36,6 @@ _SPHERE = ("camera", "center", "radius")
 _SHOWN = (*_SPHERE, "vertices", "faces", "background")
 # Lights that bring nothing to terms that are not matt.
 _MATT_ONLY = (Ambient, Polygon)
-# Side of the windows in which the rasteriser walks over the box around a face.
-_WINDOW = 16
 
 
 class Picture(NamedTuple):
@@ -334,7 +332,7 @@ def _loops(scene: Scene, numbers: Mapping[str, Any]) -> tuple[float, ...]:
         return ()
     seen = len(numbers["faces"]) / 2
     side = (2 * scene.picture.size[0] * scene.picture.size[1] / seen) ** 0.5
-    return seen, (1 + side / _WINDOW) ** 2
+    return seen, (1 + side / WINDOW) ** 2
 
 
 _icosphere = functools.cache(icosphere)

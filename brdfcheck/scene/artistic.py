@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Literal, final
 
 import equinox as eqx
@@ -13,25 +14,10 @@ from jaxtyping import Array, Float
 
 from brdfcheck.scene.lights import AbstractLight
 from brdfcheck.scene.shading import AbstractMaterial, Meeting, Place, meetings
-from brdfcheck.scene.vectors import checked, color_of, power, scalar, spread
-
-# The least slope of facets: its square stays far from the least number of single precision.
-_SMOOTHEST = 1e-9
+from brdfcheck.scene.vectors import SMOOTHEST, checked, color_of, power, scalar, spread
 
 Profile = Callable[[Array], Array]
 """How bright a highlight is by the cosine of the angle between the mirror direction and the view, 1 at 1."""
-
-
-def _base(value: Any) -> Array:
-    return color_of(value, "base", 1)
-
-
-def _share(name: str) -> Callable[[Any], Array]:
-    return lambda value: scalar(value, name, 0, 1)
-
-
-def _power(name: str) -> Callable[[Any], Array]:
-    return lambda value: scalar(value, name)
 
 
 def _backdrop(behind: Any) -> Array:
@@ -45,10 +31,10 @@ class AbstractHighlighted(AbstractMaterial):
     White at the centre of a full highlight, whatever lies under it.
     """
 
-    base: Float[Array, " 3"] = eqx.field(converter=_base)
-    d: Float[Array, ""] = eqx.field(converter=_share("d"), default=0.5, kw_only=True)
-    w: Float[Array, ""] = eqx.field(converter=_share("w"), default=1.0, kw_only=True)
-    n: Float[Array, ""] = eqx.field(converter=_power("n"), default=10.0, kw_only=True)
+    base: Float[Array, " 3"] = eqx.field(converter=partial(color_of, name="base", high=1))
+    d: Float[Array, ""] = eqx.field(converter=partial(scalar, name="d", high=1), default=0.5, kw_only=True)
+    w: Float[Array, ""] = eqx.field(converter=partial(scalar, name="w", high=1), default=1.0, kw_only=True)
+    n: Float[Array, ""] = eqx.field(converter=partial(scalar, name="n"), default=10.0, kw_only=True)
 
     @abc.abstractmethod
     def under(self, own: Float[Array, "3 ..."], place: Place) -> Float[Array, "3 ..."]:
@@ -92,8 +78,8 @@ class Translucent(AbstractHighlighted):
     """
 
     behind: Float[Array, "3 ..."] = eqx.field(converter=_backdrop, default=0.0, kw_only=True)
-    t_h: Float[Array, ""] = eqx.field(converter=_share("t_h"), default=0.8, kw_only=True)
-    t_p: Float[Array, ""] = eqx.field(converter=_power("t_p"), default=1.0, kw_only=True)
+    t_h: Float[Array, ""] = eqx.field(converter=partial(scalar, name="t_h", high=1), default=0.8, kw_only=True)
+    t_p: Float[Array, ""] = eqx.field(converter=partial(scalar, name="t_p"), default=1.0, kw_only=True)
 
     def over(self, behind: Any) -> Translucent:
         """The same material over another background."""
@@ -140,7 +126,7 @@ class Metal(AbstractMaterial):
         parts = [lobes] if single else lobes
         self.lobes = tuple(checked(part, "lobes", shapes=[(None, 2)], what=pairs) for part in parts)
         for part in self.lobes if form == "facets" else ():
-            checked(part[:, 1], "the slope m", _SMOOTHEST)
+            checked(part[:, 1], "the slope m", SMOOTHEST)
 
     def color(self, lights: Sequence[AbstractLight], place: Place) -> Float[Array, "3 ..."]:
         found, dimensions = meetings(lights, place, "Metal"), len(place.shape)

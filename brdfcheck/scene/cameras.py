@@ -25,6 +25,8 @@ Part = tuple[slice, slice]
 
 WHOLE: Part = (slice(None), slice(None))
 
+Field = Float[Array, "3 height width"]
+
 # Nothing is seen that is nearer to the eye than this part of the distance to the target.
 _NEAR = 1e-3
 
@@ -84,9 +86,7 @@ class AbstractCamera(eqx.Module):
         """Unit vectors from the points to the eye."""
 
     @abc.abstractmethod
-    def rays(
-        self, size: Size, dtype: Any, part: Part = WHOLE
-    ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+    def rays(self, size: Size, dtype: Any, part: Part = WHOLE) -> tuple[Field, Field]:
         """Origins and unit directions of the rays through the pixels of a part of the image."""
 
     def frame(self, dtype: Any) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Float[Array, ""]]:
@@ -127,9 +127,7 @@ class Orthographic(AbstractCamera):
         back = self.frame(points.dtype)[1][2]
         return jnp.broadcast_to(back.reshape(3, *[1] * (points.ndim - 1)), points.shape)
 
-    def rays(
-        self, size: Size, dtype: Any, part: Part = WHOLE
-    ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+    def rays(self, size: Size, dtype: Any, part: Part = WHOLE) -> tuple[Field, Field]:
         eye, axes, _ = self.frame(dtype)
         across = _across(self.half_height.astype(dtype), size, dtype, part)
         origins = eye[:, None, None] + jnp.tensordot(axes[:2].T, across, 1)
@@ -162,9 +160,7 @@ class Perspective(AbstractCamera):
     def view(self, points: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
         return jnp.stack(unit(self.eye.astype(points.dtype).reshape(3, *[1] * (points.ndim - 1)) - points))
 
-    def rays(
-        self, size: Size, dtype: Any, part: Part = WHOLE
-    ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"]]:
+    def rays(self, size: Size, dtype: Any, part: Part = WHOLE) -> tuple[Field, Field]:
         eye, axes, _ = self.frame(dtype)
         across = _across(self._half_height(dtype), size, dtype, part)
         directions = jnp.tensordot(axes[:2].T, across, 1) - axes[2][:, None, None]

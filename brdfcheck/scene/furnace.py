@@ -21,6 +21,7 @@ from brdfcheck.geometry import safe_root
 from brdfcheck.numerics import gauss
 from brdfcheck.quadrature.half_vector import HalfVector
 from brdfcheck.quadrature.polar import Order, grazing_safe, polar_nodes
+from brdfcheck.quadrature.proposals import LobeGeometry
 from brdfcheck.quadrature.warped import TanhSinh
 from brdfcheck.scene.shading import FRESNELS
 from brdfcheck.scene.vectors import TINY
@@ -59,7 +60,7 @@ def directional_albedo(
     if not hasattr(core, "breaks"):
         return _of_any(brdf, cosine, fresnel, tint, turn)
     facets = isinstance(core, AbstractMicrofacetLobe)
-    form = "half" if isinstance(core, AbstractMicrofacetLobe) else core.form
+    form = "half" if facets else core.form
     polar, around = (_FACET_POLAR, _FACET_AZIMUTH) if facets else (_POLAR, _AZIMUTH)
     if getattr(core, "masking", "") == "v-cavities":
         polar, around = _SHARP_POLAR, _SHARP_AZIMUTH
@@ -67,6 +68,7 @@ def directional_albedo(
 
     def pixel(mu: Array) -> Array:
         mu, sine = grazing_safe(mu)
+        lobe = LobeGeometry(core, mu)  # `wi` of it is the view: the light lies about it
         breaks = core.breaks(mu) if isinstance(core, AbstractMicrofacetLobe) else core.breaks()
         node, _ = polar_nodes(form, mu, breaks, core.width(), (polar,))
         stops = jnp.stack([jnp.zeros_like(node.azimuth), node.azimuth])
@@ -82,27 +84,19 @@ def directional_albedo(
             jnp.moveaxis(part, 0, 1).reshape(node.weight.size, -1)
             for part in (stops[:-1, :, None] + length * turn, 2 * node.weight[:, None] * length * share)
         )
-        if form == "mirror":  # about R, from the side of the normal
-            axis, up = jnp.stack([-sine, 0 * mu, mu]), jnp.stack([mu, 0 * mu, sine])
-            # The sine from the versine: from the cosine, a sharp lobe's angles would keep three digits in float32.
-            first, second = node.cos, safe_root(node.versine * node.coversine)
-        else:
-            axis, up = jnp.array([0, 0, 1], mu.dtype), jnp.array([1, 0, 0], mu.dtype)
-            first, second = safe_root(node.coversine / 2), safe_root(node.versine / 2)
-        side = jnp.array([0, 1, 0], mu.dtype)
-        across = jnp.cos(azimuth)[..., None] * up + jnp.sin(azimuth)[..., None] * side
-        light = first[:, None, None] * axis + second[:, None, None] * across
-        view = jnp.stack([sine, 0 * mu, mu])
-        if form == "half":  # L = 2 (V.H) H - V, dL = 4 (V.H) dH, dH = sin x dx / (4 cos x/2)
-            view_half = light @ view
-            weight = weight * jnp.maximum(view_half, 0) / first[:, None]
-            light = 2 * view_half[..., None] * light - view
-        up_light = jnp.maximum(light[..., 2], 0)
-        useful = up_light > 0
+        if form == "mirror":  # the sine from the versine: from the cosine, sharp lobes would keep three digits in float32
+            across, along = safe_root(node.versine * node.coversine)[:, None], node.cos[:, None]
+            x, y = across * jnp.cos(azimuth), across * jnp.sin(azimuth)
+            light = jnp.stack([mu * x - sine * along, y, sine * x + mu * along], axis=-1)
+            useful = light[..., 2] > 0
+        else:  # x is twice the angle of H, and dH = sin x dx dphi / (4 cos x/2)
+            up = safe_root(node.coversine / 2)[:, None]
+            light, jacobian = lobe.directions(node.versine[:, None] / 2 / (1 + up), azimuth)
+            useful, weight = jacobian > 0, weight * jacobian / (4 * up)
         light = jnp.where(useful[..., None], light, jnp.array([0, 0, 1], mu.dtype))
-        value = brdf(light, jnp.broadcast_to(view, light.shape))
-        value = _times_fresnel(value, light, view, fresnel, tint)
-        weight = jnp.where(useful, weight * up_light, 0)
+        value = brdf(light, jnp.broadcast_to(lobe.wi, light.shape))
+        value = _times_fresnel(value, light, lobe.wi, fresnel, tint)
+        weight = jnp.where(useful, weight * light[..., 2], 0)
         return jnp.sum(value * (weight[..., None] if value.ndim > weight.ndim else weight), axis=(0, 1))
 
     nodes = 3 * around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([cosine.reshape(-1)[0]] if facets else [])).size

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import abc
 import functools
-import itertools
 from typing import Any, final
 
 import equinox as eqx
@@ -19,7 +18,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from brdfcheck.scene import polygon
-from brdfcheck.scene.vectors import TINY, Vector, checked, color_of, cross, dot, polar, power, scalar, unit, vector_of
+from brdfcheck.scene.vectors import TINY, Vector, checked, color_of, dot, polar, power, scalar, unit, vector_of
 
 _INTENSITY = functools.partial(color_of, name="intensity")
 _CONSTANT, _LINEAR, _QUADRATIC, _EXPONENT = (
@@ -172,10 +171,8 @@ class Polygon(AbstractLight):
         corners = [Vector(*vertex) - point for vertex in self.vertices]
         if not self.horizon_clipping:
             # Which side the point is on follows from the polygon's plane: the sum's own sign says so only of what is above.
-            first, *others = (Vector(*vertex) for vertex in self.vertices)
-            area = Vector(0.0, 0.0, 0.0)
-            for a, b in itertools.pairwise(others):
-                area = area + cross(a - first, b - first)
+            arms = self.vertices[1:] - self.vertices[0]
+            area = jnp.sum(jnp.cross(arms[:-1], arms[1:]), axis=0)
             counterclockwise, total = dot(area, corners[0]) < 0, polygon.whole(corners, normal)
             above = jnp.where(counterclockwise, -total, total if self.two_sided else 0)
             return jnp.maximum(above, 0) / 2

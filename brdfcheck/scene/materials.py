@@ -28,11 +28,8 @@ from brdfcheck.scene.functions import Function, FunctionSurface, brdf_of
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.lights import AbstractLight, AbstractRayLight, Ambient, Environment, Polygon
 from brdfcheck.scene.shading import FRESNELS, AbstractMaterial, Meeting, Place, reflected
-from brdfcheck.scene.vectors import TINY, checked, color_of, scalar, spread
+from brdfcheck.scene.vectors import SMOOTHEST, TINY, checked, color_of, scalar, spread
 from brdfcheck.verdict import TOLERANCE, Report, Verdict, check
-
-# The least slope of facets: its square stays far from the least number of single precision.
-_SMOOTHEST = 1e-9
 
 
 @final
@@ -90,7 +87,7 @@ class Term(eqx.Module):
         self.brdf = jax.tree.map(lambda leaf: checked(leaf, f"a parameter of {what}", -np.inf), brdf)
         for slope in ("m", "alpha"):
             if hasattr(core := self.brdf.core, slope):
-                checked(getattr(core, slope), f"{what}: {slope}", _SMOOTHEST)
+                checked(getattr(core, slope), f"{what}: {slope}", SMOOTHEST)
 
     @property
     def transmits(self) -> bool:

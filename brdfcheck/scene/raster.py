@@ -25,8 +25,8 @@ from brdfcheck.messages import one_of
 from brdfcheck.scene.cameras import WHOLE, AbstractCamera, Part, Projected, Size, checked_size, pixel_centres
 from brdfcheck.scene.meshes import Mesh
 
-# Side of a window in pixels. Of 8 to 64, 16 was fastest for 1280 faces at 512 x 512: a window costs about 0.5 us.
-_WINDOW = 16
+WINDOW = 16
+"""Side of a window in pixels. Of 8 to 64, 16 was fastest for 1280 faces at 512 x 512: a window costs about 0.5 us."""
 # Face numbers share a float buffer with the nearness: one buffer is updated in place, two were copied at every step.
 _MOST_FACES = 2**24
 
@@ -187,14 +187,14 @@ def _visible(projected: Projected, faces: Array, size: Size, cull: bool) -> Int[
     for corners, end in ((x, width), (y, height)):
         start = jnp.clip(jnp.ceil(jnp.min(corners, axis=0) - 0.5), 0, end).astype(jnp.int32)
         stop = jnp.clip(jnp.floor(jnp.max(corners, axis=0) - 0.5) + 1, 0, end).astype(jnp.int32)
-        boxes += [start, -((start - stop) // _WINDOW)]
+        boxes += [start, -((start - stop) // WINDOW)]
     left, columns, top, rows = boxes
     windows = jnp.where(drawn, columns * rows, 0)
     order = jnp.nonzero(windows, size=len(faces), fill_value=0)[0].astype(jnp.int32)
-    inside = jnp.arange(_WINDOW, dtype=jnp.int32)
+    inside = jnp.arange(WINDOW, dtype=jnp.int32)
 
     def draw_window(face: Array, step: Array, buffer: Array) -> Array:
-        i, j = top[face] + step // columns[face] * _WINDOW, left[face] + step % columns[face] * _WINDOW
+        i, j = top[face] + step // columns[face] * WINDOW, left[face] + step % columns[face] * WINDOW
         row = table[face]
         px, py = (j + inside).astype(dtype) + 0.5, (i + inside).astype(dtype) + 0.5
         edges = [
@@ -203,7 +203,7 @@ def _visible(projected: Projected, faces: Array, size: Size, cull: bool) -> Int[
         ]  # fmt: skip
         nearness = edges[0] * row[12] + edges[1] * row[13] + edges[2] * row[14]
         start = (jnp.zeros_like(i), i, j)
-        old = jax.lax.dynamic_slice(buffer, start, (2, _WINDOW, _WINDOW))
+        old = jax.lax.dynamic_slice(buffer, start, (2, WINDOW, WINDOW))
         hit = (edges[0] >= 0) & (edges[1] >= 0) & (edges[2] >= 0) & (nearness > old[0])
         new = jnp.where(hit, jnp.stack([nearness, jnp.full_like(nearness, face.astype(dtype))]), old)
         return jax.lax.dynamic_update_slice(buffer, new, start)
@@ -213,6 +213,6 @@ def _visible(projected: Projected, faces: Array, size: Size, cull: bool) -> Int[
         return jax.lax.fori_loop(0, windows[face], lambda step, inner: draw_window(face, step, inner), buffer)
 
     # The margin takes the windows that reach over the edge of the image: a slice is never moved to fit.
-    clear = jnp.stack([jnp.full((height + _WINDOW, width + _WINDOW), value, dtype) for value in (-jnp.inf, -1)])
+    clear = jnp.stack([jnp.full((height + WINDOW, width + WINDOW), value, dtype) for value in (-jnp.inf, -1)])
     buffer = jax.lax.fori_loop(0, jnp.count_nonzero(windows).astype(jnp.int32), draw_face, clear)
     return buffer[1, :height, :width].astype(jnp.int32)

@@ -22,6 +22,9 @@ from brdfcheck.documents import shown
 TINY = 1e-18
 """Kept off exact zeros; its square is a normal float32 number."""
 
+SMOOTHEST = 1e-9
+"""The least slope of facets: its square stays far from the least number of single precision."""
+
 
 # Of single precision.
 _LEAST, _LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
