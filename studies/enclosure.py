@@ -10,6 +10,7 @@ and shooting refuse.
 
 Left: a half cube of 1,024 patches (rho = 0.9) whose answer is known because its emission was made from it. Middle: half cubes
 of 16 to 4,096 patches, rho = 0.7. Right: the cube with one glowing wall, by k x k patches a wall and without patches by paths.
+Times of solvers are on one core.
 """
 
 from __future__ import annotations

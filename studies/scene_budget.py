@@ -17,8 +17,8 @@ Each rung of each knob is rendered by itself against the full model, which is in
 combinations within the tolerance the one with the fewest operations is rendered again and timed beside the full model. Half a
 step of the output is allowed, where nothing else is said, and one step in the last six scenes. An error is the largest of all
 pixels, after the transfer curve. Time saves less than work does: float32 is counted as a quarter to a half of float64's work
-and takes half of its time or more, and no program takes less than some 20 microseconds, however little it does. Times are
-of one core.
+and takes half of its time or more, and no program takes less than some 20 microseconds, however little it does. Times
+are on one core.
 """
 
 from __future__ import annotations

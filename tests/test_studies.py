@@ -127,7 +127,7 @@ TIMES = re.compile(r'"[^"]*(seconds|nanoseconds|one_core|cells_per_second)[^"]*"
 def test_studies_that_measure_time_have_the_machine_for_themselves():
     """But for those that time programs on one core and say so."""
     alone = {name for name, study in STUDIES.items() if study.alone}
-    expected = {"limit", "enclosure", "scene_budget", "shading_cost", "sweep_throughput", "user_brdfs"}
+    expected = {"limit", "shading_cost", "sweep_throughput", "user_brdfs"}
     assert expected == alone
     for name in STUDIES:
         text = (ROOT / "reports" / name / "record.json").read_text()
@@ -144,11 +144,11 @@ def test_several_studies_are_processes_of_their_own(tmp_path, monkeypatch):
         yield from (Finished(name, 0, 1.0, "") for name in commands)
 
     monkeypatch.setattr(processes, "run_all", finished)
-    names = ("raw_albedo", "stability", "limit", "renders", "enclosure")
+    names = ("raw_albedo", "stability", "limit", "renders", "sweep_throughput")
     ends = studies.run_all([STUDIES[name] for name in names], "small", tmp_path)
-    assert [end.name for end in ends] == ["limit", "enclosure", "stability", "renders", "raw_albedo"]
+    assert [end.name for end in ends] == ["limit", "sweep_throughput", "stability", "renders", "raw_albedo"]
     # Those that measure time as given; the others as long as they took for the report, the longest first.
-    assert begun == [(["limit", "enclosure"], False), (["stability", "renders", "raw_albedo"], True)]
+    assert begun == [(["limit", "sweep_throughput"], False), (["stability", "renders", "raw_albedo"], True)]
 
 
 @pytest.mark.slow
