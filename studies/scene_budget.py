@@ -2,7 +2,7 @@
 
 Command: ``brdfcheck study scene_budget``. A minute and a half on two cores.
 
-Answer: of twelve scenes eight take 8 to 190 times less time than the full model, the others 1.2 to 2.8 times less; the work is
+Answer: of twelve scenes eight take 10 to 270 times less time than the full model, the others 1.3 to 3.5 times less; the work is
 2.5 to 3,300 times less, in nine at least 5 times. What saves most is what need not be found in each pixel: the albedo under a
 sky, from a table of 8 or 32 angles; the light of a window, of a room or of 20 lamps on a sphere, at a grid of 24 x 24 to 72 x
 72 points; the light in a room, between 2 x 2 or 4 x 4 patches of a wall for 10 x 10 or 12 x 12; and the facet that is seen,

@@ -29,7 +29,7 @@ def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the derivatives of the production rule and of the others."""
     references = stability.read_references(None if size == "full" else SMALL)
     # To 1e-3 it does not matter in which instructions float64 computes; in float32 it does: these are the ones of production.
-    jobs = [stability.Job("production", stability.production, name, "derivatives") for name in references]
+    jobs = [stability.Job("production", stability.production, name, "derivatives", every=True) for name in references]
     rules = stability.SAMPLING | stability.FOLLOWING if size == "full" else {"gauss-product": 32}
     others = stability.of_rules(rules, [name for name in OTHERS if name in references], "derivatives")
     jobs += {job.name: job for job in reversed(others)}.values()  # of each rule the first lobe that it takes
