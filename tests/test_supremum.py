@@ -406,8 +406,15 @@ def test_the_limit_at_grazing_incidence_is_the_supremum():
     assert found.parameters["k"] == pytest.approx(0.4, abs=1e-3)
 
 
-@pytest.mark.parametrize("function", [False, True])
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("count", "function"),
+    [
+        (1, False),
+        (2, True),
+        (3, True),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((1, True), (2, False), (3, False))),
+    ],
+)  # fmt: skip
 def test_a_kink_across_the_axes_is_in_the_bar(count: int, function: bool):
     # A roof whose crest is no axis: 1.05 in the middle of it.
     def surface(parameters, mu, _):
