@@ -126,10 +126,9 @@ def as_users_have_it() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="module")
 def _programs_of_one_file() -> Iterator[None]:
-    """Programs do not pile up: what the next file needs again comes from the compilation cache."""
+    """What the next file needs again comes from the compilation cache."""
     yield
-    if _maps() > 10_000 or not _maps():
-        jax.clear_caches()
+    jax.clear_caches()
 
 
 @pytest.fixture(autouse=True)

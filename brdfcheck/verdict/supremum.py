@@ -331,9 +331,8 @@ class _Search:
         before, middle, after = height[:, :-2], height[:, 1:-1], height[:, 2:]
         crest = (middle > before) & (middle >= after) & (np.abs(along - winner[:, None]) > 1.5 / len(along))
         # How high a crest is between the points of its line: by a parabola.
-        with np.errstate(all="ignore"):
-            bend = before - 2 * middle + after
-            top = np.where(np.isfinite(bend) & (bend < 0), middle - (after - before) ** 2 / (8 * bend), middle).ravel()
+        bend = before - 2 * middle + after
+        top = np.where(np.isfinite(bend) & (bend < 0), middle - (after - before) ** 2 / (8 * bend), middle).ravel()
         tops = np.flatnonzero(crest.ravel() & (top > winners.best - _NO_RIVAL * max(1, abs(winners.best))))
         found = Points(lines, value, error, np.zeros(len(value), int))
         self.follow(found, tops[np.argsort(-top[tops])][:_RIVALS])
@@ -365,8 +364,7 @@ class _Search:
             self.confirm.places(points.places[some])
             points.levels[some] = surface.finest + 1
             found = np.array([winners.find(place, False) for place in points.places[some]], int)
-            with np.errstate(all="ignore"):
-                kept = ((winners.values - winners.errors)[found] - best) / np.maximum(reach[some] - best, 1e-300)
+            kept = ((winners.values - winners.errors)[found] - best) / np.maximum(reach[some] - best, 1e-300)
             self.kept = float(np.clip(np.nan_to_num(np.max(kept), nan=1.0), 0, 1))
 
     def resolve(self, places: np.ndarray) -> None:
