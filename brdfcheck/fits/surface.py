@@ -161,7 +161,8 @@ def fit_albedo(
 
     `target` and `ranges`: what `brdfcheck.check` takes, as in ``fit_albedo(Phong, n=(1, 1000))`` or ``fit_albedo("ggx")``; of
     RGB families the largest channel is fitted. `cos_theta`: the cosines of incidence, by default [0, 1]. `degree`: total
-    degrees of numerator and denominator, (5, 0) is a polynomial; by default the better of `DEGREES`.
+    degrees of numerator and denominator, (5, 0) is a polynomial; by default the better of `DEGREES`. Where no such function is
+    free of poles, it is a polynomial of the sum of both degrees, which the result's `degree` says.
 
     Raises ValueError for bad ranges or degrees, an albedo that is not finite, a family that is anisotropic or does not have
     exactly one parameter; KeyError for an unknown name, TypeError for something that is not a BRDF.
