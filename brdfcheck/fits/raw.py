@@ -110,12 +110,11 @@ def _one_exponent(target: Any, n: tuple[float, float]) -> tuple[Family, bool]:
             known, build=build, pointwise=pointwise, ranges={"n": ONE}, held=held, switches=frozenset()
         ), True
     family = as_family(target, {"n": n}, None)
-    values = {}
-    for key, (low, high) in family.ranges.items():
-        if key != "n" and low != high:
+    others = {key: bounds for key, bounds in family.ranges.items() if key != "n"}
+    for key, (low, high) in others.items():
+        if low != high:
             raise ValueError(f"{name}: a factor is a function of n alone; hold {key} at one value, not {low:g}:{high:g}")
-        if key != "n":
-            values[key] = low
+    values = {key: low for key, (low, _) in others.items()}
     held = {**family.held, **values}
     return dataclasses.replace(
         family, build=lambda n: family.build(n=n, **values), pointwise=None, ranges={"n": n}, held=held, switches=frozenset()
