@@ -240,6 +240,15 @@ def test_catalogue_names() -> None:
             catalog_target(name, ranges, None)
 
 
+def test_whole_numbers_of_a_lobe_are_those_that_it_is_built_from() -> None:
+    """Lyon's k is 2^w."""
+    family = catalog_target("lyon-1-half", {"w": (3.0, 3.0)}, None).family
+    assert family.held == {"w": 3}
+    assert (family.build(n=5.0).core.w, family.build(n=5.0).core.k) == (3, 8)
+    with pytest.raises(UsageError, match="lyon-1-half has no parameter 'k'; its parameters: n, w"):
+        resolve(["lyon-1-half"], {"k": (3.0, 3.0)}, None)
+
+
 def test_a_range_must_belong_to_some_brdf(kinds: str) -> None:
     with pytest.raises(UsageError, match="phong has no parameter 'm'; its parameters: n"):
         resolve(["phong"], {"m": (0.1, 1.0)}, None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -61,7 +60,7 @@ def signature_of(value: Any, ranged: Collection[str] = ()) -> Signature:
 
 
 def _whole_fields(family: Family) -> list[str]:
-    """The whole numbers in the lobe of a family, such as the k of the binomial power."""
+    """The whole numbers that the lobe of a family is built from, such as the k of the binomial power."""
     import equinox as eqx
     import jax
 
@@ -72,8 +71,8 @@ def _whole_fields(family: Family) -> list[str]:
         built = eqx.filter_eval_shape(family.build, **shapes)
     except Exception:  # the factory needs numbers, not tracers
         return []
-    fields = dataclasses.fields(built.core) if isinstance(built, AbstractBRDF) else ()
-    return [part.name for part in fields if type(getattr(built.core, part.name)) is int]
+    taken = inspect.signature(type(built.core)).parameters if isinstance(built, AbstractBRDF) else ()
+    return [name for name in taken if type(getattr(built.core, name, None)) is int]
 
 
 def returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:

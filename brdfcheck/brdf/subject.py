@@ -299,7 +299,9 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
 
     def build(**parameters: Any) -> Any:
         brdf = family.build(**parameters)
-        return brdf.with_core(dataclasses.replace(brdf.core, **held))
+        core = type(brdf.core)
+        given = {parameter: getattr(brdf.core, parameter) for parameter in inspect.signature(core).parameters}
+        return brdf.with_core(core(**given | held))
 
     if BELOW in known and BELOW in family.switches:
         checked_sides(name, known[BELOW])
