@@ -6,7 +6,6 @@ line, which names the file, the place in it, what is allowed and what was given.
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any, TypeVar
 import pydantic
 
 from brdfcheck.folders import readable
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import UsageError, did_you_mean, one_line
 
 _LONGEST = 60
 # The words for what pydantic calls by the names of Python; of a type of error that is not here its own message is told.
@@ -84,8 +83,8 @@ def shown(value: Any) -> str:
 def unknown_key(key: str, allowed: Iterable[str]) -> str:
     """What is said of a key that a table does not have."""
     allowed = tuple(allowed)
-    near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
-    return f"unknown key {shown(key)}; {f'did you mean {near[0]}? ' if near else ''}allowed: {', '.join(allowed)}"
+    hint = did_you_mean(key, allowed, most=1, cutoff=0.6)
+    return f"unknown key {shown(key)}; {hint}{' ' if hint else ''}allowed: {', '.join(allowed)}"
 
 
 def _told(model: type[Model], document: Any, error: Any) -> str:

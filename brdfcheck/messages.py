@@ -30,6 +30,14 @@ def one_of(value: Any, allowed: Iterable[str], name: str) -> Any:
     return value
 
 
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", *, most: int = 2, cutoff: float = 0.4) -> str:
+    """A question that names at most so many of the known names that resemble this one; `otherwise` where none does."""
+    import difflib
+
+    near = difflib.get_close_matches(name, tuple(known), most, cutoff)
+    return f"did you mean {' or '.join(filter(None, (', '.join(near[:-1]), near[-1])))}?" if near else otherwise
+
+
 def written(value: float) -> str:
     """The number as one would type it, with all of its digits."""
     short = f"{value:g}"

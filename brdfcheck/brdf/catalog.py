@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert,
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
 from brdfcheck.brdf.transmission import LambertTransmission, RoughDielectric, SmoothDielectric, ThinSheet
 from brdfcheck.brdf.two_sides import transmitting
-from brdfcheck.messages import UnknownName
+from brdfcheck.messages import UnknownName, did_you_mean
 
 _POWERS = {"n": (1.0, 1000.0)}
 _INDICES = (1.1, 2.5)
@@ -245,8 +244,7 @@ def entry(name: str) -> Entry:
     try:
         return _CATALOG[name]
     except KeyError:
-        near = difflib.get_close_matches(name.lower(), names(), n=3, cutoff=0.4)
-        hint = f"did you mean {', '.join(near)}?" if near else "'brdfcheck list' shows the names (brdfcheck.catalog.names())"
+        hint = did_you_mean(name.lower(), names(), "'brdfcheck list' shows the names (brdfcheck.catalog.names())", most=3)
         raise UnknownName(f"unknown BRDF {name!r}; {hint}") from None
 
 

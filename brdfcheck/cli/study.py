@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import logging
 import os
 import signal
@@ -17,7 +16,7 @@ import typer
 
 from brdfcheck.cli.app import ExitCode, NothingToCheck, command, start
 from brdfcheck.cli.output import Output, refused
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import UsageError, did_you_mean, one_line
 
 if TYPE_CHECKING:
     from brdfcheck.studies import Study
@@ -133,8 +132,7 @@ def _wrote(name: str, seconds: float, place: Path, output: Output) -> None:
 def _named(name: str, known: dict[str, Study]) -> Study:
     if name in known:
         return known[name]
-    near = difflib.get_close_matches(name.replace("-", "_"), known, n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"the studies are {', '.join(known)}"
+    hint = did_you_mean(name.replace("-", "_"), known, f"the studies are {', '.join(known)}", cutoff=0.5)
     raise UsageError(f"unknown study {one_line(name)!r}; {hint}")
 
 

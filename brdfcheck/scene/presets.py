@@ -7,7 +7,6 @@ differently says so.
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
-from brdfcheck.messages import UnknownName, one_of
+from brdfcheck.messages import UnknownName, did_you_mean, one_of
 from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.cameras import Orthographic, Perspective, checked_size
 from brdfcheck.scene.canvas import (
@@ -75,8 +74,7 @@ def named(name: str) -> Preset:
     """The preset of that name. KeyError, naming the nearest ones, where there is none."""
     if name in PRESETS:
         return PRESETS[name]
-    near = difflib.get_close_matches(name, PRESETS, n=2, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"the presets are {', '.join(PRESETS)}"
+    hint = did_you_mean(name, PRESETS, f"the presets are {', '.join(PRESETS)}")
     raise UnknownName(f"unknown preset {name!r}; {hint}")
 
 
