@@ -464,6 +464,7 @@ def test_a_weak_kink_across_the_axes_is_in_the_bar():
     assert found.value + found.error >= 1 + 2.4e-7
 
 
+@pytest.mark.slow  # a steeper one beside a corner runs every time
 def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
     # It was called conserving: the climbs took its slope of 3.5e-4 for a bend.
     def build(p, q):
@@ -524,7 +525,8 @@ def test_the_crest_of_a_kink_beside_a_corner(near: tuple[float, float]):
         fall = jnp.abs(0.6 * u - 0.8 * v) + 0.05 * (jnp.abs(u) + jnp.abs(v))
         return lambda wi, wo: (1.000015 - fall) / jnp.pi + 0 * wo[..., 2]
 
-    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
+    # Of few angles, none of which matters.
+    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)}, (0.4, 0.6))), intervals=False)
     assert found.value == pytest.approx(1.000015, abs=1e-9)
     assert abs(found.value - 1.000015) <= found.error
 
