@@ -25,7 +25,7 @@ def lopsided(sign: float, width: float = np.inf):
 
         return brdf
 
-    return PointwiseAlbedo(Family("lopsided", build, {"p": (0.0, 1.0)}))
+    return PointwiseAlbedo(Family("lopsided", build, {"p": (0.0, 1.0)}, (0.4, 0.6)))  # few angles, none of which matters
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def lopsided(sign: float, width: float = np.inf):
 )
 def test_what_is_reflected_to_one_side(sign: float, width: float):
     albedo = lopsided(sign, width)
-    found = supremum(albedo)
+    found = supremum(albedo, intervals=False)
     assert (albedo.anisotropic, albedo.two_sided, albedo.mirrored) == (False, True, False)
     assert abs(found.value - 1.05) <= found.error < 1e-6
 
@@ -49,7 +49,7 @@ def test_what_is_found_out_late(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(PointwiseAlbedo, "look_at_sides", sees_nothing)
     albedo = lopsided(1.0, 0.3)
-    found = supremum(albedo)
+    found = supremum(albedo, intervals=False)
     assert len(searches) == 2
     assert abs(found.value - 1.05) <= found.error < 1e-6
 
