@@ -113,7 +113,7 @@ def test_surface_against_plain_numpy_under_all_kinds_of_lights():
         shaded(Surface(matt, glossy), (Polygon(wall),))
 
 
-@pytest.mark.parametrize("name", few(PUBLISHED, ("blinn-phong-6", "blinn-phong-8", "phong-classical", "schlick-phong-factor")))
+@pytest.mark.parametrize("name", few(PUBLISHED, ("blinn-phong-6", "blinn-phong-8", "phong-classical")))
 def test_what_is_not_conserving_is_refused_with_the_reason(name):
     # What some claim is true: those pass.
     if name in ("blinn-phong-6", "blinn-phong-linear", "phong-pdf"):
