@@ -146,8 +146,8 @@ def plain_ground(wi: Any, wo: Any) -> Any:
 @pytest.mark.parametrize(
     ("ground", "p0", "half", "n"),
     [
-        (plain_ground, 0.3589, 0.005, 30.0),
         (unresolved_ring, 0.344, 0.005, 16.0),
+        pytest.param(plain_ground, 0.3589, 0.005, 30.0, marks=pytest.mark.slow),
         pytest.param(unresolved_ring, 0.169, 0.1, 16.0, marks=pytest.mark.slow),
         pytest.param(reciprocal_ripple, 0.344, 0.005, 16.0, marks=pytest.mark.slow),
         pytest.param(reciprocal_ripple, 0.456, 0.1, 16.0, marks=pytest.mark.slow),

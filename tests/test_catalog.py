@@ -102,7 +102,8 @@ CLAIMS: dict[str, tuple[Verdict, object, object, object, tuple]] = {
 
 
 # `audit` goes through all.
-LONG_CLAIMS = ("cook-torrance-published", "binomial-power-raw", "binomial-power-unclamped")
+LONG_CLAIMS = ("cook-torrance-published", "binomial-power-raw", "binomial-power-unclamped", "schlick-phong-factor", "phong-pdf")
+LONG_CLAIMS += ("kuijk-blake-phong-factor",)
 
 
 @pytest.mark.parametrize("name", few(PUBLISHED, set(PUBLISHED).difference(LONG_CLAIMS)))

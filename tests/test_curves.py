@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import json
 import math
 
@@ -235,8 +237,13 @@ def test_stores_over_other_parameters(tmp_path):
         curve_files.from_store(str(tmp_path / "b.zarr"), "heatmap")
 
 
+@functools.cache
+def small():
+    return curves.albedo_vs_n("phong", samples=3, n=(1, 10))
+
+
 def record(tmp_path, **changes):
-    curve = curves.albedo_vs_n("phong", samples=3, n=(1, 10))
+    curve = copy.deepcopy(small())
     path = tmp_path / "record.json"
     text = {"schema": "brdfcheck-results", "schema_version": 1, "command": "plot", "results": [curve], **changes}
     path.write_text(json.dumps(text))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from selection import few
 
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.microfacet import GGX
@@ -24,19 +25,16 @@ def lopsided(sign: float, width: float = np.inf):
 
         return brdf
 
-    return PointwiseAlbedo(Family("lopsided", build, {"p": (0.0, 1.0)}))
+    return PointwiseAlbedo(Family("lopsided", build, {"p": (0.0, 1.0)}, (0.4, 0.6)))  # few angles, none of which matters
 
 
 @pytest.mark.parametrize(
     ("sign", "width"),
-    [
-        (1.0, np.inf), (-1.0, 0.01),
-        pytest.param(-1.0, np.inf, marks=pytest.mark.slow), pytest.param(1.0, 0.01, marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
+    [(-1.0, 0.01), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((1.0, np.inf), (-1.0, np.inf), (1.0, 0.01)))],
+)
 def test_what_is_reflected_to_one_side(sign: float, width: float):
     albedo = lopsided(sign, width)
-    found = supremum(albedo)
+    found = supremum(albedo, intervals=False)
     assert (albedo.anisotropic, albedo.two_sided, albedo.mirrored) == (False, True, False)
     assert abs(found.value - 1.05) <= found.error < 1e-6
 
@@ -51,12 +49,12 @@ def test_what_is_found_out_late(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(PointwiseAlbedo, "look_at_sides", sees_nothing)
     albedo = lopsided(1.0, 0.3)
-    found = supremum(albedo)
+    found = supremum(albedo, intervals=False)
     assert len(searches) == 2
     assert abs(found.value - 1.05) <= found.error < 1e-6
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sign", few([1.0, -1.0], (1.0,)))  # the side that is not asked
 def test_a_window_that_every_fourth_point_of_a_scan_misses(sign: float):
     # 10 % of p by 8 degrees: 0.999 it was for the side that is not asked.
     def build(p):

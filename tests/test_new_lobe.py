@@ -16,7 +16,7 @@ from brdfcheck import albedo, albedo_table, catalog, cli, fit_factor
 from brdfcheck.brdf.base import AbstractZonalLobe, as_parameter
 from brdfcheck.brdf.factors import AbstractFactor, Normalized
 from brdfcheck.cli import ExitCode
-from brdfcheck.fits.ladder import CLOSED_FORM, factor_ladder
+from brdfcheck.fits.ladder import CLOSED_FORM, FORMS, factor_ladder
 from brdfcheck.scene.materials import NotConserving, Surface, Term
 from brdfcheck.scene.white_furnace import furnace_excess
 from brdfcheck.verdict import Verdict
@@ -101,7 +101,13 @@ def test_check_table_and_fit() -> None:
     fit = fit_factor("bell")
     assert fit.verdict is Verdict.CONSERVES
     assert 0.8 < fit.smallest < 1
-    (closed,) = [rung for rung in factor_ladder("bell", measure=False) if rung.form == CLOSED_FORM]
+    # Each form is dearer and loses less than the one before; the last one, the lobe's own, nothing.
+    *rungs, closed = factor_ladder("bell", measure=False)
+    assert [rung.form for rung in (*rungs, closed)] == [*(form for form, _ in FORMS), CLOSED_FORM]
+    assert all(rung.verdict is Verdict.CONSERVES for rung in (*rungs, closed))
+    assert np.all(np.diff([rung.operations for rung in rungs]) > 0)
+    assert np.all(np.diff([rung.lost for rung in rungs]) < 0)
+    assert rungs[-1].lost > 1e-6
     assert closed.lost < 1e-12
 
 

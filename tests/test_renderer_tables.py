@@ -279,7 +279,7 @@ def test_looking_up_is_linear_between_nodes_and_level_beyond():
 # raised above 1, and below the first node look-ups are level.
 CONSERVING = [
     ("ggx", (0.0, 1.0), (6, 5), "centres"),  # the fixtures
-    ("blinn-phong-6", (1.0, 100.0), (6, 5), "ends"),
+    pytest.param("blinn-phong-6", (1.0, 100.0), (6, 5), "ends", marks=pytest.mark.slow),
     pytest.param("ggx", (0.1, 1.0), (6, 5), "ends", marks=pytest.mark.slow),
     pytest.param("ggx", (0.0, 1.0), (13, 40), "centres", marks=pytest.mark.slow),
     pytest.param("cook-torrance", (0.1, 1.0), (16, 16), "ends", marks=pytest.mark.slow),

@@ -84,8 +84,9 @@ def test_sizes_and_spheres():
     assert np.abs(steepest[:, 0] / steepest[:, 2]).max() == pytest.approx(0.5 * np.sin(np.pi / 32) / (np.pi / 32), rel=1e-12)
 
 
+# Few faces, poles with thin ones, and a border.
 @pytest.mark.parametrize("weighting", ["unit", "area"])
-@pytest.mark.parametrize("name", [*CLOSED, *SHEETS])
+@pytest.mark.parametrize("name", few([*CLOSED, *SHEETS], ("tetrahedron", "smallest globe", "zigzag")))
 def test_vertex_normals_are_those_of_a_plain_loop(name, weighting):
     mesh = {**CLOSED, **SHEETS}[name]()
     expected = averaged_normals(np.asarray(mesh.vertices), np.asarray(mesh.faces), by_area=weighting == "area")

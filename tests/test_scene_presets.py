@@ -99,7 +99,7 @@ def test_a_surface_that_returns_all_light_vanishes_to_1e4():
     [
         ("blinn-phong-8", {"n": 8.76}),
         pytest.param("binomial-power-published", {"n": 17.85}, marks=pytest.mark.slow),
-        ("binomial-power-half", {"n": 17.85}),
+        pytest.param("binomial-power-half", {"n": 17.85}, marks=pytest.mark.slow),
     ],
 )
 def test_a_pixel_of_the_furnace_exceeds_its_surroundings_by_the_albedo(name, parameters):

@@ -28,7 +28,7 @@ Surface = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def largest(build: Callable, cos_theta: tuple[float, float] = (0.0, 1.0), **ranges: tuple[float, float]) -> Supremum:
-    return supremum(PointwiseAlbedo(Family("test", build, ranges, cos_theta)), effort="quick")
+    return supremum(PointwiseAlbedo(Family("test", build, ranges, cos_theta)), effort="quick", intervals=False)
 
 
 def scaled(lobe: Callable, a: float, b: float) -> Callable:
@@ -305,13 +305,10 @@ def test_the_theorem_on_facets_asks_for_its_premises():
     found = supremum(PointwiseAlbedo(family), effort="quick")
     assert found.basis == "search"
     assert found.value == pytest.approx(1.5 * float(albedo(CookTorrance(0.3), found.cos_theta).value), rel=1e-6)
-    # A premise that was true once: the search still looks.
-    bright = eqx.tree_at(lambda lobe: lobe.f0, CookTorrance(0.3, f0=0.5, fresnel="schlick"), jnp.asarray(2.0))
-    found = largest(lambda: bright)
-    assert judge(found.value, found.error) is Verdict.VIOLATES
 
 
 def test_the_theorem_on_facets_asks_what_a_lobe_holds_now():
+    """A premise that was true once: the search still looks."""
     made = GGX(0.3, 0.5, fresnel="schlick")
     lobe = eqx.tree_at(lambda lobe: lobe.f0, made, jnp.asarray(1.3))
     assert made.bounded
@@ -415,9 +412,8 @@ def test_the_limit_at_grazing_incidence_is_the_supremum():
     ("count", "function"),
     [
         (1, False),
-        (2, True),
         (3, True),
-        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((1, True), (2, False), (3, False))),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((1, True), (2, False), (2, True), (3, False))),
     ],
 )  # fmt: skip
 def test_a_kink_across_the_axes_is_in_the_bar(count: int, function: bool):
@@ -464,6 +460,7 @@ def test_a_weak_kink_across_the_axes_is_in_the_bar():
     assert found.value + found.error >= 1 + 2.4e-7
 
 
+@pytest.mark.slow  # a steeper one beside a corner runs every time
 def test_the_crest_of_a_weak_kink_is_followed_to_its_top():
     # It was called conserving: the climbs took its slope of 3.5e-4 for a bend.
     def build(p, q):
@@ -511,7 +508,9 @@ def test_the_top_of_a_channel_that_another_surrounds(count: int):
         red = top - 0.5 * sum((value - x) ** 2 for value, x in zip(values.values(), (0.371, 0.613, 0.44), strict=False))
         return lambda wi, wo: jnp.stack([red, level, 0.5], -1) / jnp.pi + 0 * wo[..., 2:]
 
-    found = supremum(PointwiseAlbedo(Family("red", build, {f"p{i}": (0.0, 1.0) for i in range(count)})))
+    # Of few angles, none of which matters.
+    family = Family("red", build, {f"p{i}": (0.0, 1.0) for i in range(count)}, (0.4, 0.6))
+    found = supremum(PointwiseAlbedo(family), intervals=False)
     assert abs(found.value - top) <= found.error < 1e-9
     assert found.channel == 0
 
@@ -524,7 +523,8 @@ def test_the_crest_of_a_kink_beside_a_corner(near: tuple[float, float]):
         fall = jnp.abs(0.6 * u - 0.8 * v) + 0.05 * (jnp.abs(u) + jnp.abs(v))
         return lambda wi, wo: (1.000015 - fall) / jnp.pi + 0 * wo[..., 2]
 
-    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)})))
+    # Of few angles, none of which matters.
+    found = supremum(PointwiseAlbedo(Family("kink", build, {"p": (0.0, 1.0), "q": (0.0, 1.0)}, (0.4, 0.6))), intervals=False)
     assert found.value == pytest.approx(1.000015, abs=1e-9)
     assert abs(found.value - 1.000015) <= found.error
 
