@@ -153,6 +153,9 @@ def test_a_furnace_shows_what_is_reflected(files: Path) -> None:
         assert furnace_largest(brdf) == pytest.approx(np.max(expected), abs=1e-4)
         image = presets.render_brdf("furnace", brdf, name, 7, "draft")
         assert image.shape[0] == 3
+    # A name is what it is for `check`.
+    assert furnace_largest(f"{files}/mine.py:loop") == pytest.approx(0.5, abs=1e-4)
+    assert furnace_largest("Lambert", {"reflectance": 0.4}) == pytest.approx(0.4, abs=1e-4)
     with pytest.raises(KeyError, match="these are sphere, furnace"):
         presets.render_brdf("cube", brdf, name)
 

@@ -234,6 +234,19 @@ def test_users_families():
         fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0, 1)}))
 
 
+@pytest.mark.parametrize("exponent", [lambda n: n**2, lambda n: 40.0, lambda n: np.maximum(float(n), 5.0)])
+def test_the_factor_is_of_the_familys_exponent_and_not_the_lobes(exponent):
+    """Of a squared exponent, a lobe that is held at one, and code that JAX cannot trace."""
+    fit = fit_factor(lambda n: BlinnPhong(exponent(n)), (1, 30))
+    n = np.geomspace(1, 30, 200)
+    raw = np.array([albedo(BlinnPhong(exponent(one)), 1.0).value for one in n])
+    largest = np.max(np.asarray(fit.factor(n)) * raw)
+    assert largest == pytest.approx(1, abs=1e-3)
+    assert float(fit.report.albedo) == pytest.approx(1, abs=1e-8)
+    assert fit.verdict is Verdict.CONSERVES
+    assert fit.proved is None
+
+
 @pytest.mark.slow
 def test_users_functions():
     def function(n):
@@ -246,6 +259,16 @@ def test_users_functions():
     slow = fit_factor(function, (1, 4))
     assert float(slow.factor.A) == pytest.approx(2, rel=1e-3)
     assert slow.verdict is Verdict.CONSERVES
+
+
+def test_names_are_what_they_are_for_check(here):
+    (here / "mine.py").write_text("from brdfcheck import Phong\n\ndef halved(n):\n    return Phong(n / 2)\n")
+    fit = fit_factor("mine.py:halved", (1, 10))
+    assert (fit.name, fit.verdict) == ("mine.py:halved", Verdict.CONSERVES)
+    assert float(fit.factor.A) == pytest.approx(4, rel=1e-6)  # (n/2 + 2)/2pi
+    assert float(fit_factor("Phong", (1, 10)).factor.B) == pytest.approx(2 * np.pi, rel=1e-6)
+    with pytest.raises(KeyError, match="unknown BRDF 'phon'; did you mean phong"):
+        fit_factor("phon")
 
 
 def test_certify_enlarges_b_by_the_peak():
@@ -264,6 +287,10 @@ def test_what_has_no_exponent_gets_one_constant():
     assert fit.report.passed
     assert fit.report.parameters["k"] == 0.75
     assert "a factor that grows" not in fit.remark
+    lobe = fit_factor(brdfcheck.load(Phong(10.0)))  # its own exponent is none of the factor's
+    assert float(lobe.factor.B) == pytest.approx(2 * np.pi / 12, rel=1e-9)
+    assert lobe.report.albedo == pytest.approx(1, abs=1e-8)
+    assert lobe.verdict is Verdict.CONSERVES
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_no_false_verdicts():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lobe", ["phong", "lyon1", "binomial16_unclamped", "ggx"])
+@pytest.mark.parametrize("lobe", stability.LOBES)
 def test_no_false_verdicts_in_the_matrix(lobe):
     found = stability.matrix_verdicts(REFERENCES[lobe])
     assert found["verdicts"] == 2 * REFERENCES[lobe].albedo.size

@@ -301,6 +301,10 @@ def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
             assert image.max() <= np.float32(0.15)  # d and w: the centre of a highlight, wherever rounding puts it
 
 
+def test_a_class_of_the_package_is_known_by_its_name():
+    assert Term("BlinnPhong", n=3).brdf == Term(BlinnPhong(3.0)).brdf
+
+
 @pytest.mark.parametrize(
     ("build", "error", "words"),
     [

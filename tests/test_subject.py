@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from brdfcheck.brdf.readers.python import load_module, load_object, split_spec
-from brdfcheck.brdf.subject import Target, catalog_target, resolve
+from brdfcheck.brdf.subject import Target, as_target, catalog_target, named, of_exponent, resolve
 from brdfcheck.messages import UsageError, one_line
 
 Write = Callable[..., str]
@@ -238,6 +238,24 @@ def test_catalogue_names() -> None:
     ):
         with pytest.raises(UsageError, match=message):
             catalog_target(name, ranges, None)
+
+
+@pytest.mark.parametrize("door", [as_target, lambda spec: named(spec, {}), lambda spec: of_exponent(spec, (1.0, 10.0))])
+def test_where_one_brdf_is_asked_for_a_file_of_several_is_refused(write: Write, door: Callable[[str], object]) -> None:
+    """A proof of the first was printed as one of the file."""
+    path = write(
+        """
+        def dark(wi, wo):
+            return 0.1 + 0 * wi[..., 2]
+        def glowing(wi, wo):
+            return 0.7 + 0 * wi[..., 2]
+        """
+    )
+    both = rf"mine.py:\* stands for 2 BRDFs \({path}:dark, {path}:glowing\): give one of them"
+    with pytest.raises(UsageError, match=both):
+        door(f"{path}:*")
+    alone = write("def matt(wi, wo):\n    return 0.1 + 0 * wi[..., 2]\n", "alone.py")
+    door(f"{alone}:*")
 
 
 def test_whole_numbers_of_a_lobe_are_those_that_it_is_built_from() -> None:

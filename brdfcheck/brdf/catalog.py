@@ -24,7 +24,7 @@ _BOUNDARY = (
 )
 _ROUGH = {"alpha": (0.05, 1.0), "eta": _INDICES}
 _UP_TO_89_DEGREES = (float(np.cos(np.radians(89))), 1.0)
-_OURS = "brdfcheck: the largest smallest albedo of all factors (n+A)/B with E <= 1 on n in [1, 1000], rounded to the safe side"
+_OURS = "brdfcheck: maximises the minimum albedo over factors (n+A)/B with E <= 1 on n in [1, 1000], rounded to the safe side"
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import inspect
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -98,7 +98,9 @@ def as_target(
         return value
     try:
         if isinstance(value, str):
-            return resolve([value], ranges, cos_theta, reading)[0]
+            targets = resolve([value], ranges, cos_theta, reading)
+            _only(value, [target.family.name for target in targets])
+            return targets[0]
         return _of_object(value, ranges, cos_theta, reading)
     except UsageError as error:
         raise error.with_traceback(None) from None  # nor does anybody else need the way to it
@@ -129,6 +131,19 @@ def _of_object(value: Any, ranges: Mapping[str, Range], cos_theta: Range | None,
 def as_family(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: Range | None = None) -> Family:
     """The family of `as_target`. Raises what it raises."""
     return as_target(value, ranges, cos_theta).family
+
+
+def of_exponent(name: str, n: Range, held: Mapping[str, Range] | None = None, reading: Reading | None = None) -> Target:
+    """A name as a target over exponents n, where it has any, other parameters held. UsageError where it refuses its values."""
+    modules: dict[str, ModuleType] = {}
+    own = signature_of(named(name, modules, reading)[0])
+    exponent = {"n": n} if own.open or "n" in own.names else {}
+    targets = resolve([name], {**exponent, **(held or {})}, None, reading, modules)
+    _only(name, [target.family.name for target in targets])
+    (target,) = targets
+    if target.finding is not None:
+        raise UsageError(target.finding)
+    return target
 
 
 def load(
@@ -320,6 +335,7 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
     from brdfcheck.brdf import catalog, lobes, microfacet, transmission
     from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 
+    name = _only(name, spread(name, modules))
     if name not in catalog.names():
         found = next((part for room in (lobes, microfacet, transmission) if (part := getattr(room, name, None))), None)
         if inspect.isclass(found) and issubclass(found, (AbstractBRDF, AbstractBSDF)) and getattr(found, "__final__", False):
@@ -372,6 +388,14 @@ def resolve(
                 yield from signature_of(named(name, modules, reading)[0]).names
 
     return by_value(lambda one: _resolve(list(every), one, cos_theta, reading, modules, copy.copy(unread)), ranges, known())
+
+
+def _only(name: str, found: Sequence[str]) -> str:
+    """The one that a name stands for. UsageError where there are several, or none."""
+    if len(found) != 1:
+        names = f" ({', '.join(found)})" if found else ""
+        raise UsageError(f"{one_line(name)} stands for {len(found)} BRDFs{names}: give one of them")
+    return found[0]
 
 
 def unread_target(name: str, error: UsageError) -> Target:

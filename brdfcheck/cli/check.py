@@ -179,7 +179,7 @@ def _audit(
     substring: Filter = "",
     json: Json = None,
     html: Html = None,
-    tolerance: Tolerance = 1e-9,
+    tolerance: Tolerance = None,
     rtol: Rtol = None,
     effort: Effort = None,
     jobs: Jobs = None,

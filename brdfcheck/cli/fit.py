@@ -16,7 +16,6 @@ from brdfcheck.cli.output import Output, refused
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
-    from brdfcheck.brdf.subject import Target
     from brdfcheck.fits.factor import FactorFit
 
 Objective = Literal["minimax", "least-squares", "reciprocal"]
@@ -123,13 +122,14 @@ def _refuse(export: tuple[Kind, str], json: str | None) -> None:
 
 def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output, export: tuple[Kind, str] | None) -> int:
     start()
+    from brdfcheck.brdf.subject import of_exponent
     from brdfcheck.fits.factor import fit_factor
     from brdfcheck.fits.ladder import factor_ladder
     from brdfcheck.output import records
     from brdfcheck.output import text as console
 
     name, n = settings["name"], settings["n"]
-    target = _target(name, n, settings["over"], how)
+    target = of_exponent(name, n, settings["over"], how)
     start()  # a user's file may have changed the precision
     text = f"fitting {name} over n={n.low:g}:{n.high:g}; about 30 s for a plain Python function"
     try:
@@ -157,19 +157,6 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
     summary = {"seconds": output.seconds, "exit_code": int(code)}
     output.write_json(lambda: records.document("fit", [result], settings=settings, summary=summary))
     return code
-
-
-def _target(name: str, exponents: words.Interval, held: Mapping[str, words.Interval], how: Reading) -> Target:
-    from brdfcheck.brdf.signatures import signature_of
-    from brdfcheck.brdf.subject import named, resolve
-
-    modules: dict[str, Any] = {}
-    own = signature_of(named(name, modules, how)[0])
-    exponent = {"n": exponents} if own.open or "n" in own.names else {}
-    (target,) = resolve([name], {**exponent, **held}, None, how, modules)
-    if target.finding is not None:
-        raise UsageError(target.finding)
-    return target
 
 
 def _exported(kind: str, fit: FactorFit) -> Any:

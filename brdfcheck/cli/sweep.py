@@ -47,7 +47,7 @@ config.toml:
   [reading]                          # optional: -D, -I, --args and --returns
   returns = "brdf*cos"               # and args = "N,L,V", defines = {}, folders = []
 
-Interrupted or killed, the same command goes on where it was, and ends with the same bytes.
+If it was interrupted or killed, run the same command again: it resumes, and the result is byte-identical.
 A cluster is started with: dask scheduler; dask worker ADDRESS (extra "cluster").
 
 \b

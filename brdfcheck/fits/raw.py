@@ -6,17 +6,17 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.calling import directional
-from brdfcheck.brdf.factors import AbstractFactor, Normalized, PerCosine
+from brdfcheck.brdf.factors import AbstractFactor, Constant, Normalized, PerCosine
 from brdfcheck.brdf.family import Family, interval
-from brdfcheck.brdf.subject import as_family
+from brdfcheck.brdf.subject import as_family, of_exponent
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.fits.minimax import extrema, spread
 from brdfcheck.messages import UsageError
@@ -44,7 +44,7 @@ class RawAlbedo:
         self.low, self.high = family.ranges["n"]
         self.name = family.name
         self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
-        self._albedo = PointwiseAlbedo(self.family)
+        self._albedo, self._own = PointwiseAlbedo(self.family), _is_exponent(self.family)
 
     @property
     def lobe(self) -> Any:
@@ -75,8 +75,8 @@ class RawAlbedo:
 
     def with_factor(self, factor: AbstractFactor) -> Family:
         """The family with this factor instead of none."""
-        raw = self.family
-        return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n))
+        raw, own = self.family, self._own
+        return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n, own))
 
     def lowest(self, factor: AbstractFactor) -> tuple[float, float]:
         """The smallest albedo at normal incidence with `factor`, and its exponent: a continuous minimum.
@@ -95,8 +95,10 @@ class RawAlbedo:
 
 def _one_exponent(target: Any, n: tuple[float, float]) -> tuple[Family, bool]:
     """The family of the exponent alone; whether there is none."""
-    name = target if isinstance(target, str) else getattr(target, "name", None) or name_of(target)
-    known = catalog.entry(target).family if isinstance(target, str) else target if isinstance(target, Family) else None
+    if isinstance(target, str):
+        target = of_exponent(target, n).family
+    name = getattr(target, "name", None) or name_of(target)
+    known = target if isinstance(target, Family) else None
     if known is not None and (known.surface is not None or BELOW in {*known.ranges, *known.held}):
         raise UsageError(f"{name} transmits, and a factor is for what reflects: it would dim what is let through, too")
     if known is not None and "n" not in known.ranges:
@@ -125,16 +127,25 @@ def _holding(build: Callable[..., Any], values: Mapping[str, float]) -> Callable
     return lambda n: build(**values)
 
 
-def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any) -> Any:
-    """`brdf` with the factor in place of its own (None: without any)."""
+def _is_exponent(family: Family) -> bool:
+    """True where the n of the family is the exponent of its lobe: not where the lobe is held at one, or squares it."""
+    try:
+        program = jax.make_jaxpr(lambda n: family.build(n=n).core.n)(jnp.asarray(1.0)).jaxpr
+    except Exception:  # what has no lobe, and what wants numbers, not tracers
+        return False
+    return program.outvars == program.invars
+
+
+def _with_factor(brdf: Any, factor: AbstractFactor | None, n: Any, own: bool = False) -> Any:
+    """`brdf` with the factor at n in place of its own (None: without any). `own`: n is the exponent of the lobe."""
     if isinstance(brdf, Normalized):
-        return _with_factor(brdf.lobe, factor, n)
+        return _with_factor(brdf.lobe, factor, n, own)
     if isinstance(brdf, PerCosine):
-        return PerCosine(_with_factor(brdf.base, factor, n))
+        return PerCosine(_with_factor(brdf.base, factor, n, own))
     if factor is None:
         return brdf
     if isinstance(brdf, AbstractZonalLobe) and hasattr(brdf, "n"):
-        return Normalized(brdf, factor)
+        return Normalized(brdf, factor if own else Constant(factor(jnp.asarray(n))))
     if isinstance(brdf, AbstractBRDF):
         return _Scaled(brdf, factor, n)
     brdf, scale = directional(brdf), factor(jnp.asarray(n))

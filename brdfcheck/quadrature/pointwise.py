@@ -129,7 +129,8 @@ class PointwiseAlbedo:
         def build(**swept: Any) -> Any:
             return made(**held, **swept)
 
-        build.__name__ = getattr(made, "__name__", self.family.name)
+        name = getattr(made, "__name__", "<lambda>")
+        build.__name__ = self.family.name if name == "<lambda>" else name
         return with_options_of(made, build)
 
     def _abstract(self, middle: dict[str, float]) -> Any:

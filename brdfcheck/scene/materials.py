@@ -19,7 +19,6 @@ from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.brdf.callables import name_of
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.brdf.readers.base import Reading
-from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.subject import refuse_reading
 from brdfcheck.brdf.transmission import AbstractSmooth, LambertTransmission
 from brdfcheck.brdf.two_sides import BELOW
@@ -58,7 +57,7 @@ class Term(eqx.Module):
         reflectance = fresnel != "none"
         self.tint = color_of(tint, "the Fresnel reflectance" if reflectance else "tint", 1 if reflectance else np.inf)
         self.fresnel, self.name, self.within = fresnel, "", False
-        if isinstance(brdf, str) and not is_file_spec(brdf):
+        if isinstance(brdf, str) and brdf in catalog.names():
             if reading is not None:
                 refuse_reading(reading, {brdf: None})
             self.name, family = brdf, catalog.entry(brdf).family

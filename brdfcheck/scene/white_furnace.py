@@ -19,6 +19,7 @@ from brdfcheck.brdf.factors import Constant, Normalized, PerCosine
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene.cameras import checked_size
 from brdfcheck.scene.canvas import Canvas, Image, averaged, color_scale, colored, stacked
+from brdfcheck.scene.functions import brdf_of
 from brdfcheck.scene.furnace import directional_albedo
 from brdfcheck.scene.images import contact_sheet
 
@@ -89,7 +90,7 @@ def _reflected(
     brdf: str | AbstractBRDF, parameters: Mapping[str, float], cosine: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "*channels k"]:
     """What a BRDF, or one of the catalogue, reflects of a uniform surrounding of radiance 1, integrated at each cosine."""
-    member: Any = _alike(catalog.entry(brdf).family.build(**parameters) if isinstance(brdf, str) else brdf)
+    member: Any = _alike(brdf_of(brdf, parameters, furnace=True) if isinstance(brdf, str) else brdf)
     # A function that is called each time is no program, which would be one more for another number of angles.
     most = _AT_ONCE if getattr(member, "traced", True) else max(min(_AT_ONCE, cosine.size), 1)
     padded = np.pad(cosine, (0, -cosine.size % most), mode="edge").astype(np.float32).reshape(-1, most)

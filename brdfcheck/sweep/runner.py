@@ -124,7 +124,7 @@ def run_sweep(
 
     `config`: a TOML file (see `brdfcheck.sweep.config`) or a `Config`. The dataset has the dimensions of the configuration:
     `albedo` and `error` (with a trailing `channel` for RGB), `evaluations`, and `seconds` over the grid of chunks. What is
-    in the store already is kept: interrupted at any moment and called again, it ends with the same bytes.
+    in the store already is kept: interrupted at any moment and called again, it resumes, and the result is byte-identical.
 
     Raises UsageError for a configuration that is wrong or does not match the store, SweepError where the disk is full,
     the store is damaged (`repair` mends it), or the cluster at `scheduler` is lost.

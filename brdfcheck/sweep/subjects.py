@@ -21,7 +21,7 @@ from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import beside
 from brdfcheck.brdf.signatures import Signature, signature_of
-from brdfcheck.brdf.subject import family_of, named, no_parameter, resolve
+from brdfcheck.brdf.subject import as_target, family_of, named, no_parameter
 from brdfcheck.messages import UsageError
 from brdfcheck.runtime import double_precision
 
@@ -92,7 +92,7 @@ def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple
         raise UsageError(no_parameter(source.name, unknown[0], source.signature.names))
     try:
         if isinstance(source.value, Family):
-            target = resolve([source.name], bounds, None)[0]
+            target = as_target(source.name, bounds)
         else:
             value = functools.partial(source.value, **words) if words else source.value
             target = family_of(value, source.name, bounds, None, source.reading)

@@ -43,7 +43,7 @@ class Status(enum.IntEnum):
 
 _TEXTS = {
     Status.SOLVED: "solved",
-    Status.NOT_REACHED: "the tolerance was not reached: allow more steps, ask for less, or solve directly",
+    Status.NOT_REACHED: "the tolerance was not reached: allow more steps, loosen the tolerance, or solve directly",
     Status.DIVERGES: "no sum is reported: each bounce returns at least as much light as it got, so the sum over bounces has"
     " no limit; find the wall whose albedo exceeds 1 (brdfcheck check) and give it a validated factor",
     Status.MEANINGLESS: "the linear system has a solution, the light has none: the sum over bounces has no limit, and this"
