@@ -13,7 +13,7 @@ from . import transport as transport
 from . import verdict as verdict
 from .brdf import catalog as catalog
 from .brdf.base import AbstractBRDF as AbstractBRDF
-from .brdf.callables import Finding as Finding
+from .brdf.blame import Finding as Finding
 from .brdf.factors import BlinnPhongExact as BlinnPhongExact
 from .brdf.factors import Factor as Factor
 from .brdf.factors import Normalized as Normalized

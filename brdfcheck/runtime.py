@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from brdfcheck.folders import cache_folder as cache_folder
+from brdfcheck.folders import cache_folder
 
 
 def use_x64() -> None:

@@ -42,7 +42,7 @@ LOOKS: tuple[dict[str, Any], ...] = (
 
 def run(size: str = "full") -> dict[str, Any]:
     """Times of the machine's operations, of every production path on one core and on all, and of the peer's table."""
-    rounds, count = (9, 1000) if (full := size == "full") else (1, 60)
+    rounds, count = (5, 1000) if (full := size == "full") else (1, 60)
     references = {name: lobe_error.REFERENCES[name] for name in ("multiply-add", "division", "exp", "log")}
     n, mu = np.geomspace(1, 1000, count), np.linspace(1 / 90, 1, 90 if full else 5)
     axis = (np.arange(32 if full else 4) + 0.5) / (32 if full else 4)

@@ -3,8 +3,8 @@
 Command: ``brdfcheck study normalized_albedo``. 4 s on two cores.
 
 Answer: the 16th-power lobe with (n+6)/24.55, published as conserving, exceeds 1 for n in [14.303, 23.056], by up to 0.16 %
-at n = 17.85. Blinn-Phong with (n+6)/8pi conserves, but reflects only 0.797 at n = 1. The factors with the largest smallest
-albedo conserve and reflect at least 0.9064 and 0.9424 on n in [1, 1000].
+at n = 17.85. Blinn-Phong with (n+6)/8pi conserves, but reflects only 0.797 at n = 1. The factors that maximise the
+minimum albedo conserve and reflect at least 0.9064 and 0.9424 on n in [1, 1000].
 
 This is Fig. 4 of the proposal of the lobe, with the fitted factors beside the published ones.
 """

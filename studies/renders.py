@@ -13,6 +13,7 @@ every pixel; the excess is the largest of 0 to 89 degrees. Smooth shading: icosp
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax.numpy as jnp
@@ -44,6 +45,8 @@ def run(size: str = "full") -> dict[str, Any]:
     full = size == "full"
     names = list(presets.PRESETS) if full else SMALL
     results = [{"name": n, "caption": presets.named(n).caption, "side": presets.named(n).side if full else 16} for n in names]
+    for row in results:
+        _picture(row["name"], row["side"])
     smooth = []
     for mesh in map(meshes.icosphere, range(4 if full else 1)):
         samples = 4096 if full else 512
@@ -67,10 +70,15 @@ def run(size: str = "full") -> dict[str, Any]:
     return {"settings": {"pictures": len(names)}, "results": results, "summary": found}
 
 
+@functools.cache
+def _picture(name: str, side: int) -> Any:
+    """A picture as the command renders it: once in a process, which is most of the time that the study takes."""
+    return presets.render_preset(name, side)
+
+
 def pictures(record: dict[str, Any]) -> dict[str, bytes]:
-    """Every picture as the command renders it."""
-    sides = {row["name"]: row["side"] for row in record["results"]}
-    return {f"{name}.png": images.png_bytes(presets.render_preset(name, side)) for name, side in sides.items()}
+    """Every picture, as a file."""
+    return {f"{row['name']}.png": images.png_bytes(_picture(row["name"], row["side"])) for row in record["results"]}
 
 
 def plot(record: dict[str, Any]) -> Any:
@@ -81,7 +89,7 @@ def plot(record: dict[str, Any]) -> Any:
         figure = paper.empty(10.0, 6.8)
         top, (left, middle, right) = figure.subplots(2, 3)
         for axes, (name, title) in zip(top, SHOWN.items(), strict=True):
-            image = presets.render_preset(name, sides.get(name, 16))  # the programs of `pictures`
+            image = _picture(name, sides.get(name, 16))
             axes.imshow(images.encode_srgb(image).transpose(1, 2, 0), interpolation="antialiased")
             axes.set_title(title)
             axes.axis("off")

@@ -2,20 +2,20 @@
 
 Command: ``brdfcheck study scene_budget``. A minute and a half on two cores.
 
-Answer: of twelve scenes eight take 10 to 270 times less time than the full model, the others 1.3 to 3.5 times less; the work is
-2.5 to 3,300 times less, in nine at least 5 times. What saves most is what need not be found in each pixel: the albedo under a
-sky, from a table of 8 or 32 angles; the light of a window, of a room or of 20 lamps on a sphere, at a grid of 24 x 24 to 72 x
-72 points; the light in a room, between 2 x 2 or 4 x 4 patches of a wall for 10 x 10 or 12 x 12; and the facet that is seen,
-5,120 or 20,480 facets whose outline does not matter being the sphere itself. Where there is little but the shading of each
-pixel, float32 is what is left. A matt sphere far away needs a distant light and the box of pixels in which it lies; in 16 bits
-a glossy one needs its point light and the power itself (every stand-in errs by 200 steps or more). Mirror-like metal close up
-needs its facets (a power errs by 11 steps of 8 bits) but no Fresnel term (0.03). A translucent sphere within 3 steps takes
-Lyon's lobe (2.0) for the power. Rooms need 8 or 16 bounces. Of 20 lamps 14 are enough. Of 5,120 facets under three lights,
-whose outline matters, all are needed. float32 is enough in all twelve, float16 is chosen in none.
+Answer: of nine scenes five take 12 to 37 times less time than the full model, the others 1.3 to 3.6 times less; the work is 2.5
+to 1,100 times less, in six at least 5 times. What saves most is what need not be found in each pixel: the albedo under a sky,
+from a table of 32 angles; the light of a window, a room or 20 lamps on a sphere, at a grid of 24 x 24 to 72 x 72 points; the
+light in a room, between 2 x 2 patches of a wall for 10 x 10; and the facet that is seen, 5,120 facets whose outline does not
+matter being the sphere itself. Where there is little but the shading of each pixel, float32 is what is left. A matt sphere far
+away needs a distant light and the box of pixels in which it lies; in 16 bits a glossy one needs its point light and the power
+itself (every stand-in errs by 200 steps or more). Mirror-like metal close up needs its facets (a power errs by 11 steps of 8
+bits) but no Fresnel term (0.03). A translucent sphere within 3 steps takes Lyon's lobe (2.0) for the power. The room needs 8
+bounces. Of 20 lamps 14 are enough. Of 5,120 facets under three lights, whose outline matters, all are needed. float32 is enough
+in all nine, float16 is chosen in none.
 
 Each rung of each knob is rendered by itself against the full model, which is in float64 with all that the scene has; of all
 combinations within the tolerance the one with the fewest operations is rendered again and timed beside the full model. Half a
-step of the output is allowed, where nothing else is said, and one step in the last six scenes. An error is the largest of all
+step of the output is allowed, where nothing else is said, and one step in the last four scenes. An error is the largest of all
 pixels, after the transfer curve. Time saves less than work does: float32 is counted as a quarter to a half of float64's work
 and takes half of its time or more, and no program takes less than some 20 microseconds, however little it does. Times
 are on one core.

@@ -7,9 +7,9 @@ Answer: a table of 10^7 cells takes 1.8 s on one core with its compiling, 15 mil
 two. Cells of a microfacet lobe are 7,800 a second on one core, 1.4 times as many on two. From one worker of a cluster to two it
 is 1.7 times as many (1,740, 2,950 a second); these short runs take 2 to 3 s more than in one process.
 
-Cheap cells: phong, 5000 exponents by 2000 cosines, a table. Dear cells: GGX, one by one. Local runs are processes on so many
-cores, with as many devices; they tell compiling apart. Workers have a thread each and run the sweep twice, into two stores; the
-second time they have compiled already.
+Cheap cells: phong, 5000 exponents by 2000 cosines, a table. Expensive cells: GGX, one by one. Local runs are processes on so
+many cores, with as many devices; they tell compiling apart. Workers have a thread each and run the sweep twice, into two
+stores; the second time they have compiled already.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _cluster(config: dict[str, Any], count: int, folder: Path) -> dict[str, Any]
 
 
 def plot(record: dict[str, Any]) -> Any:
-    """A bar for each way, one panel for the cheap cells and one for the dear ones."""
+    """A bar for each way, one panel for the cheap cells and one for the expensive ones."""
     figure = paper.empty(6.9, 2.9)
     with paper.house_style():
         panels = figure.subplots(1, 2)
@@ -112,7 +112,7 @@ def plot(record: dict[str, Any]) -> Any:
             axes.xaxis.set_major_formatter(lambda rate, _: f"{rate / 1e6:g} million" if rate >= 1e6 else f"{rate:,.0f}")
             axes.grid(True, axis="x")
             axes.set_title(
-                {"cheap": "cheap cells: Phong, as a table", "dear": "dear cells: GGX, one by one"}[cells], fontsize=10
+                {"cheap": "cheap cells: Phong, as a table", "dear": "expensive cells: GGX, one by one"}[cells], fontsize=10
             )
             axes.invert_yaxis()
         figure.tight_layout()

@@ -6,10 +6,10 @@ Answer: 3 to 14 seconds on two cores, 4 in the median, 1.7 times as fast as befo
 at worst; brute force finds no larger albedo in any of 14 families, before it did in one.
 
 Twelve kinds of BRDF in plain JAX or numpy (_instruments/user_families.py), two in two forms, over all their parameters. Each
-check is a process, timed from start to end on all cores: with an empty cache of compiled programs, and below four seconds with
-what it leaves, too; the older version with an empty one. Brute force (_instruments/user_scan.py) shares nothing with the
-package: Sobol points over parameters, cosine and azimuth, denser around the best, a fixed product rule at each; its error is
-that of the rule.
+check is a process, timed from start to end on all cores, with an empty cache of compiled programs; beside an older version,
+and below four seconds, with what it leaves, too. Brute force (_instruments/user_scan.py) shares nothing with the package:
+Sobol points over parameters, cosine and azimuth, denser around the best, a fixed product rule at each; its error is that of
+the rule.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def run(size: str = "full", given: Sequence[str | Path] = ()) -> dict[str, Any]:
     rules = {name: user_scan.Rule(user_families.FAMILIES[name]) for name in (user_families.FAMILIES if full else SMALL)}
     # Brute force first, each family on a core of its own: checks, which are timed, want the machine for themselves.
     with ThreadPoolExecutor(len(available_cores())) as pool:
-        points = [1 << (8 if not full else 11 if rule.subject.numpy else 14) for rule in rules.values()]
+        points = [1 << (8 if not full else 10 if rule.subject.numpy else 13) for rule in rules.values()]
         scans = list(pool.map(user_scan.scan, rules.values(), points))
     for (name, rule), found in zip(rules.items(), scans, strict=True):
-        subject, answers = rule.subject, {"now": user_checks.check(name, here, kept=full)}
+        subject, answers = rule.subject, {"now": user_checks.check(name, here, kept=baseline is not None)}
         answers |= {"before": user_checks.check(name, Path(baseline))} if baseline else {}
         flags = {part: user_checks.faults(answer, found, rule) for part, answer in answers.items()}
         if {answer["verdict"] for answer in answers.values()} == {"CONSERVES", "VIOLATES"}:

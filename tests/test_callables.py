@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from test_geometry import random_directions
 
-from brdfcheck.brdf.callables import ALIGNED, BLOCK, Evaluator, Finding, in_rows
+from brdfcheck.brdf.blame import Finding
+from brdfcheck.brdf.callables import ALIGNED, BLOCK, Evaluator, in_rows
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BlinnPhong, Phong
 from brdfcheck.brdf.microfacet import GGX

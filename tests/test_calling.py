@@ -13,9 +13,9 @@ import pytest
 from test_geometry import random_directions
 
 import brdfcheck
-from brdfcheck.brdf.blame import place_of, told
+from brdfcheck.brdf.blame import Finding, place_of, told
 from brdfcheck.brdf.branches import TooManyWays, by_branches
-from brdfcheck.brdf.callables import Evaluator, Finding, constant
+from brdfcheck.brdf.callables import Evaluator, constant
 from brdfcheck.brdf.calling import angle_of, directional, over_cosine
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target

@@ -16,7 +16,7 @@ from shared import Run, python
 import brdfcheck
 from brdfcheck import cli
 from brdfcheck.cli import ExitCode, words
-from brdfcheck.messages import UsageError
+from brdfcheck.messages import UsageError, written
 
 COMMANDS = ("check", "init", "audit", "view", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
 
@@ -213,7 +213,7 @@ def test_ranges_are_read_exactly(name: str, first: float, second: float) -> None
     low, high = sorted((first, second))
     assert words.setting(f"{name}={low!r}:{high!r}") == (name, (low, high))
     assert words.setting(f" {name} = {low!r}") == (name, (low, low))
-    assert words.interval(f"{words.written(low)} : {words.written(high)}") == (low, high)
+    assert words.interval(f"{written(low)} : {written(high)}") == (low, high)
     if low < high:
         with pytest.raises(typer.BadParameter, match="LO must not exceed HI"):
             words.interval(f"{high!r}:{low!r}")

@@ -15,7 +15,7 @@ from shared import strict_json
 
 import brdfcheck
 from brdfcheck import BinomialPower, Factor, Family, Normalized, Phong, plots
-from brdfcheck.brdf.callables import Finding
+from brdfcheck.brdf.blame import Finding
 from brdfcheck.messages import UsageError
 from brdfcheck.output import curve_files, curves
 

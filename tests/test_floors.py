@@ -117,6 +117,26 @@ def test_every_exception_is_used():
     assert set(NEIGHBOURS) <= used
 
 
+def defined(path: Path) -> set[str]:
+    """The names that a module defines, and those of modules in its folder."""
+    body = ast.parse(path.read_text()).body
+    inner = [line for outer in body if isinstance(outer, ast.If | ast.Try) for line in ast.walk(outer)]
+    found = {line.name for line in [*body, *inner] if isinstance(line, ast.FunctionDef | ast.ClassDef)}
+    lines = [line for line in [*body, *inner] if isinstance(line, ast.Assign | ast.AnnAssign)]
+    targets = [target for line in lines for target in (line.targets if isinstance(line, ast.Assign) else [line.target])]
+    return found | {node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)}
+
+
+def test_a_name_is_imported_from_where_it_is_defined():
+    """But from a package, which offers what its modules define."""
+    own = {module_of(path): defined(path) for path in FILES if path.name != "__init__.py"}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module in own:
+                passed_on = {alias.name for alias in node.names} - own[node.module] - {"*"}
+                assert not passed_on, f"{path.name} imports {passed_on} from {node.module}"
+
+
 def test_instruments_of_studies_stay_outside():
     for path in FILES:
         assert "_instruments" not in path.read_text(), path

@@ -10,7 +10,8 @@ import jax
 import pytest
 from shared import python
 
-from brdfcheck.runtime import cache_folder, use_compilation_cache
+from brdfcheck.folders import cache_folder
+from brdfcheck.runtime import use_compilation_cache
 
 _OPTIONS = (
     "jax_compilation_cache_dir",

@@ -17,9 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from brdfcheck.brdf.blame import Finding as Finding
-from brdfcheck.brdf.blame import told
-from brdfcheck.brdf.calling import name_of as name_of
+from brdfcheck.brdf.blame import Finding, told
+from brdfcheck.brdf.calling import name_of
 from brdfcheck.brdf.ways import Caller, calm, sample
 from brdfcheck.runtime import double_precision, understood
 

@@ -109,7 +109,7 @@ def as_target(
 def _of_object(value: Any, ranges: Mapping[str, Range], cos_theta: Range | None, reading: Reading | None) -> Target:
     """`as_target` of what is no name."""
     __tracebackhide__ = True
-    from brdfcheck.brdf.callables import name_of
+    from brdfcheck.brdf.calling import name_of
     from brdfcheck.brdf.family import Family
 
     if reading is not None and (reading.for_shaders or (reading.per_cosine and isinstance(value, (Family, AbstractFile)))):

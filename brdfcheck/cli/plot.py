@@ -17,7 +17,7 @@ from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.cli import words
 from brdfcheck.cli.app import PLAIN, CosTheta, ExitCode, Json, Over, asked, command, start
 from brdfcheck.cli.output import Output, has_display
-from brdfcheck.messages import UsageError, one_line
+from brdfcheck.messages import UsageError, one_line, written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -131,7 +131,7 @@ def _plot(
             raise UsageError(f"--n: a list of exponents is for albedo-vs-angle; {kind} takes LO:HI")
         ranges["n"] = n.bounds
     if y is not None and y.low == y.high:
-        raise UsageError(f"--y: LO must be below HI; got {words.written(y.low)}")
+        raise UsageError(f"--y: LO must be below HI; got {written(y.low)}")
     target = output
     if show and not has_display():
         raise UsageError("--show: there is no display; leave it out and open the file that is written")
@@ -319,7 +319,7 @@ def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
 
 def _asked(job: Callable[[], Curve], name: str, settings: _Settings) -> Curve:
     """The curve; what is wrong with a BRDF, or with what was asked of it, in one line."""
-    from brdfcheck.brdf.callables import Finding
+    from brdfcheck.brdf.blame import Finding
 
     with asked(brdf=name):
         try:

@@ -140,7 +140,7 @@ def _kind(path: str) -> str:
 
 def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bool, output: Output) -> int:
     start()
-    from brdfcheck.brdf.callables import Finding
+    from brdfcheck.brdf.blame import Finding
     from brdfcheck.fits.compact import compact_fits
     from brdfcheck.fits.compensated import checked
     from brdfcheck.fits.compensation import compensation

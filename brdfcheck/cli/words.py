@@ -16,7 +16,6 @@ from typer import BadParameter, Option
 
 from brdfcheck.brdf.values import Range, Values, components
 from brdfcheck.messages import UsageError, one_line
-from brdfcheck.messages import written as written
 
 MOST_PIXELS = 8192  # samples along a side of a picture
 

@@ -12,8 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
-from brdfcheck.brdf.callables import name_of
-from brdfcheck.brdf.calling import directional
+from brdfcheck.brdf.calling import directional, name_of
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Normalized, PerCosine
 from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.subject import as_family, of_exponent

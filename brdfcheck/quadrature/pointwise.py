@@ -21,10 +21,10 @@ from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
-from brdfcheck.quadrature.albedo import Albedo, paired_lobes
+from brdfcheck.quadrature.albedo import paired_lobes
 from brdfcheck.quadrature.anisotropy import CLEAN, has_two_sides, turns_with_the_surface
 from brdfcheck.quadrature.boxes import Mesh
-from brdfcheck.quadrature.functions import Adaptive, adaptive_albedo
+from brdfcheck.quadrature.functions import Adaptive, Albedo, adaptive_albedo
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.limit import grazing_limit
 from brdfcheck.quadrature.registry import engine_of

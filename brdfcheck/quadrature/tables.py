@@ -32,7 +32,7 @@ from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.cores import available_cores, threads
 from brdfcheck.quadrature import albedo as directional
-from brdfcheck.quadrature.albedo import Albedo
+from brdfcheck.quadrature.functions import Albedo
 from brdfcheck.quadrature.polar import Order
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.rule import ROUNDING

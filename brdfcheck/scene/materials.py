@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
-from brdfcheck.brdf.callables import name_of
+from brdfcheck.brdf.calling import name_of
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import refuse_reading

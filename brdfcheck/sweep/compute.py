@@ -21,7 +21,8 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from brdfcheck.brdf.base import of_type
-from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.blame import Finding
+from brdfcheck.brdf.callables import Evaluator
 from brdfcheck.messages import UsageError, one_line
 from brdfcheck.quadrature.albedo import batched
 from brdfcheck.quadrature.functions import adaptive_albedo

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe, of_type
-from brdfcheck.brdf.callables import Evaluator, Finding
+from brdfcheck.brdf.blame import Finding
+from brdfcheck.brdf.callables import Evaluator
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import table_in
 from brdfcheck.brdf.ways import Caller

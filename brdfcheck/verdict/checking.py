@@ -13,7 +13,7 @@ import jax.core
 import jax.numpy
 import numpy as np
 
-from brdfcheck.brdf.callables import Finding
+from brdfcheck.brdf.blame import Finding
 from brdfcheck.brdf.family import Family, examples
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
@@ -24,7 +24,8 @@ from brdfcheck.verdict.parts import Check, Doubt, SideChecks
 from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE, Report, Verdict, judge
 from brdfcheck.verdict.scan import prepare
-from brdfcheck.verdict.supremum import EFFORTS, Supremum, Watch, affordable, supremum
+from brdfcheck.verdict.supremum import EFFORTS, Supremum, affordable, supremum
+from brdfcheck.verdict.surface import Watch
 
 _log = logging.getLogger("brdfcheck")
 

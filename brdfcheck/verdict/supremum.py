@@ -29,8 +29,7 @@ from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
 from brdfcheck.verdict.kinks import up_crests
 from brdfcheck.verdict.scan import Points, Scan, standing_out
-from brdfcheck.verdict.surface import GRAZES, Surface
-from brdfcheck.verdict.surface import Watch as Watch
+from brdfcheck.verdict.surface import GRAZES, Surface, Watch
 from brdfcheck.verdict.winners import AROUND, Winners
 
 EFFORTS = ("quick", "normal", "thorough")

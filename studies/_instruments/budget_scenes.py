@@ -1,4 +1,4 @@
-"""Scenes of which budgets are measured: six of this project and six as others bring them."""
+"""Scenes of which budgets are measured: five of this project and four as others bring them."""
 
 from __future__ import annotations
 
@@ -41,10 +41,6 @@ SCENES: dict[str, dict[str, Any]] = {
         "size": 256, "background": [0.1, 0.1, 0.12], "lights": [{"kind": "distant", "direction": [1, 1, 1]}],
         "material": {"kind": "translucent", "base": [0.3, 0.6, 0.9], "behind": 0.1}, "matters": {"pixel": "3/255"},
     },
-    "lit by a window, in a room": {
-        "size": 160, "material": MATT, "lights": [WINDOW],
-        "room": {"reflectance": 0.7, "emission": 0.6, "cells": 12},
-    },
     "an icon of 32 pixels, of facets, 8 steps": {
         "size": 32, "geometry": {"kind": "icosphere", "level": 4}, "material": MATT, "lights": [SUN],
         "matters": {"pixel": "8/255", "silhouette": False},
@@ -68,13 +64,5 @@ SCENES: dict[str, dict[str, Any]] = {
     "rough metal under an even sky and the sun": {
         "size": 24, "matters": STEP, "lights": [SKY, SUN],
         "material": {"kind": "surface", "terms": [{"brdf": "ggx", "tint": [0.95, 0.75, 0.4], "alpha": 0.3}]},
-    },
-    "lacquer in a white furnace and the sun": {
-        "size": 48, "matters": STEP, "lights": [SKY, SUN],
-        "material": {"kind": "surface", "terms": [BASE, {"brdf": "kuijk-blake-half", "tint": 0.1, "n": 30}]},
-    },
-    "20,480 facets, seen small": {
-        "size": 128, "geometry": {"kind": "icosphere", "level": 5}, "material": MATT, "lights": [SUN],
-        "camera": {"kind": "perspective", "eye": [0, 0, 40]}, "matters": {**STEP, "silhouette": False},
     },
 }  # fmt: skip

@@ -20,7 +20,7 @@ import numpy as np
 COARSE, MEDIUM = (8, 24), (16, 40)
 FINE = ((60, 144), (48, 120), (40, 96))
 LEAST = 1e-9  # cosine of incidence
-_KEPT, _STARTS = 128, 4  # points looked at more closely; places around which they are drawn denser
+_KEPT, _STARTS = 128, 3  # points looked at more closely; places around which they are drawn denser
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Rule:
         return value, max(abs(value - other) for other in others)
 
 
-def scan(rule: Rule, points: int, rounds: int = 12) -> Found:
+def scan(rule: Rule, points: int, rounds: int = 10) -> Found:
     """The largest albedo: `points` (a power of 2) over the whole box, then `rounds` of denser ones around the best."""
     from scipy.stats import qmc
 

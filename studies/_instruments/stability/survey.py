@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from _instruments.stability.outcomes import Method, Mode, Outcome, gradient_outcomes, gradients_of, of_rule, outcomes, run
-from _instruments.stability.references import KINDS, LOBES, Reference, label
+from _instruments.stability.references import LOBES, Reference, label
 from brdfcheck.quadrature import RULES
 
 # Settings of the rules of samples, and of those that know where the lobe is.
@@ -26,22 +26,14 @@ _PROGRAMS = 64
 
 @dataclass(frozen=True)
 class Job:
-    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives.
-
-    In float64; in float32 too, of one lobe of each kind, or of `every` lobe.
-    """
+    """A method, under the name that figures show, over the grid of a lobe: its values, or its derivatives."""
 
     name: str
     method: Method
     lobe: str
     of: Literal["values", "derivatives"] = "values"
     mode: Mode = "jit"
-    every: bool = False
-
-    @property
-    def precisions(self) -> tuple[Any, ...]:
-        """The precisions in which it is measured."""
-        return (np.float64, np.float32) if self.every or self.lobe in KINDS else (np.float64,)
+    precisions: tuple[Any, ...] = (np.float64, np.float32)
 
 
 def of_rules(settings: Mapping[str, float], lobes: Iterable[str], of: Literal["values", "derivatives"] = "values") -> list[Job]:
