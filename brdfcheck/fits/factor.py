@@ -95,7 +95,11 @@ class FactorFit:
 
 
 def certify(raw: RawAlbedo, factor: Factor, *, tolerance: float = TOLERANCE) -> tuple[Factor, Report]:
-    """The factor with B enlarged by the largest albedo over all angles, so that it conserves; and the verdict on it."""
+    """The factor with B enlarged by the largest albedo over all angles, so that it conserves; and the verdict on it.
+
+    `raw`: the lobe without a factor, over its exponents; `tolerance`: how far above 1 still conserves. ValueError where the
+    largest albedo is not finite.
+    """
     report = check_family(raw.with_factor(factor), tolerance=tolerance, intervals=False)
     excess = report.albedo + report.error
     if not math.isfinite(excess):
@@ -122,7 +126,8 @@ def fit_factor(
 ) -> FactorFit:
     """The factor (n+A)/B that normalises a lobe on a range of exponents, and the verdict on the result over all angles.
 
-    `family`: a catalogue name, a `Family`, or a class or function n -> BRDF; a factor that it already carries is taken off.
+    `family`: a name that `check` takes, a `Family`, or a class or function n -> BRDF; a factor that it already carries is taken
+    off. `n`: the exponents; `tolerance`: how far above 1 still conserves.
     `objective`: "minimax" keeps E <= 1 at every angle and makes the smallest albedo at normal incidence as large as a factor
     of this form can (B < 0, a line that falls with n, where the raw albedo rises); "least-squares" (sum of (E - 1)^2) and
     "reciprocal" (sum of ((n+A)/B - 1/E)^2) are certified afterwards. These two see `samples` exponents spaced as `sampling`

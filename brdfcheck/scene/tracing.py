@@ -362,6 +362,8 @@ def trace(
 ) -> Float[Array, "3 height width"]:
     """Linear image of shape (3, height, width): rays from the eye, followed over at most `depth` mirrors and boundaries.
 
+    `bodies`: of `Sphere` and `Plane`; `lights` and `camera`: of `brdfcheck.scene`; `size`: pixels (height, width); `dtype`: in
+    which it is computed.
     What rays would bring after `depth` of them counts as black, and a ray whose share of the pixel is at most `least_weight`
     is not followed. Rays that leave the scene bring `background`, a number or RGB. With `shadows`, the light of Distant,
     Point and Spot lights is stopped by bodies; transparent ones pass their share of it, straight. Numbers are traced: another

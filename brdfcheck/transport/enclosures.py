@@ -179,7 +179,10 @@ def enclosure(form_factors: Any, areas: Any) -> Enclosure:
 
 
 def sphere(bands: int = 16, sectors: int = 1, *, radius: float = 1.0, dtype: Any = None) -> Sphere:
-    r"""The inside of a sphere: $F_{jk} = A_k/(4\pi r^2)$. ValueError for counts or a radius that are not positive."""
+    r"""The inside of a sphere of this radius, in `bands` of equal height by `sectors`: $F_{jk} = A_k/(4\pi r^2)$.
+
+    `dtype`: of all numbers, by default the widest that JAX has. ValueError for counts or a radius that are not positive.
+    """
     bands, sectors = checked_count(bands, "bands"), checked_count(sectors, "sectors")
     radius = _size(radius, "radius")
     count = bands * sectors
@@ -199,7 +202,7 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1,
     """The inside of a box with the edges `size`, its walls divided into `cells` along each axis (one number or three).
 
     All form factors by the closed forms of parallel and perpendicular rectangles; equal relative places are computed once.
-    Raises ValueError for sizes or counts that are not positive.
+    `dtype`: of all numbers, by default the widest that JAX has. Raises ValueError for sizes or counts that are not positive.
     """
     if np.shape(size) != (3,):
         raise ValueError(f"size must be three lengths; got {size!r}")
@@ -260,7 +263,8 @@ def _adjacent(axis: int, across: int, steps: Sequence[float], counts: Sequence[i
 
 
 def cylinder(radius: float = 1.0, height: float = 1.0, *, rings: int = 1, bands: int = 1) -> Enclosure:
-    """A can: the bottom in `rings` of equal width (from the axis outwards), the side in `bands` (upwards), the top in rings.
+    """A can of a radius and height: the bottom in `rings` of equal width (from the axis outwards), the side in `bands`
+    (upwards), the top in rings.
 
     All form factors follow from those of coaxial disks, by subtraction: what crosses a disk and not the next one lands
     between. Raises ValueError for sizes or counts that are not positive.

@@ -195,11 +195,12 @@ def energy_after_bounces(
     sampling: str = "lobe",
     beam: bool = False,
 ) -> Energy:
-    """The energy of light after each bounce in an enclosure whose walls all have this BRDF.
+    """The energy of light after each of `bounces` in an enclosure whose walls all have this BRDF.
 
-    The light begins evenly on the walls, with the density (N.w)/pi, or, as a `beam`, along the normal. `paths` is rounded up
-    to a multiple of 4096. After a bounce as many rays are drawn from those that there are, in proportion to their weights, so
-    that none outweighs the others however many bounces. Errors are one standard error. Raises as `trace` does.
+    The light begins evenly on the walls, with the density (N.w)/pi, or, as a `beam`, along the normal. `key`: of jax.random;
+    `sampling`: as for `trace`. `paths`, how many are followed, is rounded up to a multiple of 4096. After a bounce as many
+    rays are drawn from those that there are, in proportion to their weights, so that none outweighs the others however many
+    bounces. Errors are one standard error. Raises as `trace` does.
     """
     _checked(enclosure, key, sampling)
     each = -(-checked_count(paths, "paths") // (_GROUPS * _LANES)) * _LANES

@@ -93,7 +93,9 @@ def check_family(
     effort: str = "normal",
     watch: Watch | None = None,
 ) -> Report:
-    """`check` for a `Family`."""
+    """`check` for a `Family`: `tolerance`, `rtol`, `intervals`, `effort` and `watch` are those of `check`. It raises nothing
+    for what the family's own code does: that is a finding.
+    """
     start = time.perf_counter()
     prepare()
     findings: list[str] = []
