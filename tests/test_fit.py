@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -15,6 +16,7 @@ from brdfcheck.brdf.factors import Factor, Normalized, RationalFactor, exact_fac
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, Phong
 from brdfcheck.fits.factor import OBJECTIVES, FactorFit, certify, fit_factor
+from brdfcheck.fits.ladder import factor_ladder
 from brdfcheck.fits.minimax import spread
 from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.output.records import fit_object
@@ -245,6 +247,14 @@ def test_the_factor_is_of_the_familys_exponent_and_not_the_lobes(exponent):
     assert float(fit.report.albedo) == pytest.approx(1, abs=1e-8)
     assert fit.verdict is Verdict.CONSERVES
     assert fit.proved is None
+
+
+def test_an_exponent_that_is_only_converted_is_the_lobes_own():
+    assert RawAlbedo(lambda n: Phong(jnp.asarray(n, float)), (1, 100)).own
+    assert RawAlbedo("binomial-power-half", (1, 100)).own
+    assert not RawAlbedo(lambda n: Phong(n / 2), (1, 100)).own
+    # Its exact factor would be that of another exponent.
+    assert "closed form" not in [rung.form for rung in factor_ladder(lambda n: Phong(n / 2), (1, 10), measure=False)]
 
 
 @pytest.mark.slow

@@ -118,7 +118,7 @@ def test_every_exception_is_used():
 
 
 def defined(path: Path) -> set[str]:
-    """The names that a module defines, and those of modules in its folder."""
+    """The names that a module defines, also within an `if` or a `try`."""
     body = ast.parse(path.read_text()).body
     inner = [line for outer in body if isinstance(outer, ast.If | ast.Try) for line in ast.walk(outer)]
     found = {line.name for line in [*body, *inner] if isinstance(line, ast.FunctionDef | ast.ClassDef)}

@@ -98,7 +98,8 @@ def as_target(
         return value
     try:
         if isinstance(value, str):
-            targets = resolve([value], ranges, cos_theta, reading)
+            modules: dict[str, ModuleType] = {}
+            targets = resolve([_only(value, spread(value, modules))], ranges, cos_theta, reading, modules)
             _only(value, [target.family.name for target in targets])
             return targets[0]
         return _of_object(value, ranges, cos_theta, reading)
@@ -315,7 +316,7 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
     def build(**parameters: Any) -> Any:
         brdf = family.build(**parameters)
         core = type(brdf.core)
-        given = {parameter: getattr(brdf.core, parameter) for parameter in inspect.signature(core).parameters}
+        given = {key: getattr(brdf.core, key) for key in inspect.signature(core).parameters if hasattr(brdf.core, key)}
         return brdf.with_core(core(**given | held))
 
     if BELOW in known and BELOW in family.switches:

@@ -299,7 +299,6 @@ def _common_ranges(families: Sequence[Family], settings: _Settings, output: Outp
 
 
 def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
-    from brdfcheck.brdf.readers.specs import is_file_spec
     from brdfcheck.brdf.subject import as_target
     from brdfcheck.output import curves
 
@@ -311,7 +310,7 @@ def _of_fit(file: str, result: Mapping[str, Any], settings: _Settings) -> Curve:
         ranges = {key: (float(low), float(high)) for key, (low, high) in said.get("over", {}).items()} | {"n": n}
         how: dict[str, Any] = said.get("reading", {})
         given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in how.items()}
-        target: Any = as_target(name, ranges, None, Reading(**given)).family if is_file_spec(name) else name
+        target = as_target(name, ranges, None, Reading(**given)).family
         return curves.fitted(settings.kind, target, result, samples=settings.samples)
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise UsageError(f"{file}: the fit is damaged: {type(error).__name__}: {one_line(error)}") from error

@@ -81,7 +81,7 @@ def factor_ladder(family: Any, n: tuple[float, float] = (1, 1000), *, measure: b
 
         fits = [(form, fit_form(raw, degrees)) for form, degrees in FORMS]  # pyright: ignore[reportArgumentType]
         rungs = [rung(form, fit.factor, fit.smallest, fit.smallest_n, fit.report) for form, fit in fits]
-        exact = exact_factor(raw.lobe)
+        exact = exact_factor(raw.lobe) if raw.own else None
         if exact is not None:
             rungs.append(rung(CLOSED_FORM, exact, *raw.lowest(exact), check_family(raw.with_factor(exact))))
         return tuple(rungs)

@@ -32,7 +32,8 @@ ONE = (1.0, 1.0)
 class RawAlbedo:
     """The albedo of a family of one exponent n without its factor, as a function of n, and the family with a factor on it.
 
-    `constant`: there is no exponent. ValueError where other parameters run over ranges, and for what transmits.
+    `constant`: there is no exponent; `own`: n is the exponent of the lobe itself. ValueError where other parameters run over
+    ranges, and for what transmits.
     """
 
     def __init__(self, target: Any, n: tuple[float, float]):
@@ -43,7 +44,7 @@ class RawAlbedo:
         self.low, self.high = family.ranges["n"]
         self.name = family.name
         self.family = dataclasses.replace(family, build=lambda n: _with_factor(family.build(n=n), None, n))
-        self._albedo, self._own = PointwiseAlbedo(self.family), _is_exponent(self.family)
+        self._albedo, self.own = PointwiseAlbedo(self.family), _is_exponent(self.family)
 
     @property
     def lobe(self) -> Any:
@@ -74,7 +75,7 @@ class RawAlbedo:
 
     def with_factor(self, factor: AbstractFactor) -> Family:
         """The family with this factor instead of none."""
-        raw, own = self.family, self._own
+        raw, own = self.family, self.own
         return dataclasses.replace(raw, build=lambda n: _with_factor(raw.build(n=n), factor, n, own))
 
     def lowest(self, factor: AbstractFactor) -> tuple[float, float]:
@@ -129,7 +130,7 @@ def _holding(build: Callable[..., Any], values: Mapping[str, float]) -> Callable
 def _is_exponent(family: Family) -> bool:
     """True where the n of the family is the exponent of its lobe: not where the lobe is held at one, or squares it."""
     try:
-        program = jax.make_jaxpr(lambda n: family.build(n=n).core.n)(jnp.asarray(1.0)).jaxpr
+        program = jax.make_jaxpr(lambda n: family.build(n=n).core.n)(jnp.asarray(1.0, float)).jaxpr
     except Exception:  # what has no lobe, and what wants numbers, not tracers
         return False
     return program.outvars == program.invars

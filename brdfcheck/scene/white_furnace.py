@@ -82,6 +82,13 @@ def _alike(brdf: Any) -> Any:
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), brdf)
 
 
+def _member(name: str, parameters: Mapping[str, Any]) -> Any:
+    """Of the catalogue, whose parameters may be colours, or any other name that `brdfcheck.check` takes."""
+    if name in catalog.names():
+        return catalog.entry(name).family.build(**parameters)
+    return brdf_of(name, parameters, furnace=True)
+
+
 _integrated = eqx.filter_jit(directional_albedo)
 _AT_ONCE = 512  # angles in one call, whatever the size of the picture: no other program for another number of them
 
@@ -90,7 +97,7 @@ def _reflected(
     brdf: str | AbstractBRDF, parameters: Mapping[str, float], cosine: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "*channels k"]:
     """What a BRDF, or one of the catalogue, reflects of a uniform surrounding of radiance 1, integrated at each cosine."""
-    member: Any = _alike(brdf_of(brdf, parameters, furnace=True) if isinstance(brdf, str) else brdf)
+    member: Any = _alike(_member(brdf, parameters) if isinstance(brdf, str) else brdf)
     # A function that is called each time is no program, which would be one more for another number of angles.
     most = _AT_ONCE if getattr(member, "traced", True) else max(min(_AT_ONCE, cosine.size), 1)
     padded = np.pad(cosine, (0, -cosine.size % most), mode="edge").astype(np.float32).reshape(-1, most)
@@ -100,8 +107,8 @@ def _reflected(
 def furnace_largest(brdf: str | AbstractBRDF, parameters: Mapping[str, float] = MappingProxyType({})) -> float:
     """The most that a BRDF reflects of a uniform surrounding of radiance 1, of all whole degrees from 0 to 89.
 
-    A name is one of the catalogue, with its `parameters`. Some published forms have no largest value at 90 degrees, and the
-    brightest pixel of a picture depends on its size.
+    A name is one that `brdfcheck.check` takes, with its `parameters`. Some published forms have no largest value at 90
+    degrees, and the brightest pixel of a picture depends on its size.
     """
     return float(_reflected(brdf, parameters, np.cos(np.radians(np.arange(90.0)))).max())
 
