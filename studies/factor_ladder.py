@@ -28,7 +28,7 @@ from brdfcheck.studies import table
 
 NAMES = (
     "phong", "blinn-phong", "schlick-mirror", "schlick-half", "kuijk-blake-mirror", "kuijk-blake-half",
-    "lyon-1-mirror", "lyon-1-half", "lyon-3-mirror", "lyon-3-half",
+    "lyon-1-mirror", "lyon-1-half", "lyon-3-half",
     "binomial-power-mirror", "binomial-power-half",
 )  # fmt: skip
 LETTERS = {"constant": "c", "n/B": "n", "(n+A)/B": "A", "rational 2/1": "2", "rational 3/2": "3", "closed form": "="}

@@ -2,10 +2,10 @@
 
 Command: ``brdfcheck study shading_cost``. A minute on two cores.
 
-Answer: none: the exact sphere takes a fifth of the time of 1280 Phong-shaded faces and errs by 3e-7, where no mesh up to
+Answer: none: the exact sphere takes a quarter of the time of 1280 Phong-shaded faces and errs by 3e-7, where no mesh up to
 20,480 faces comes below 2e-3. Of meshes, Phong shading errs 0.61 and 0.79 times as much as Gouraud's at 320 and 1280 faces, in
-three quarters of the time; flat shading takes 0.6 to 0.8 of the time, and up to 3.3 times the faces for Gouraud's error.
-float64 takes 1.4 to 1.5 times as long, 2.1 times for the exact sphere, and buys nothing.
+two thirds of the time; flat shading takes 0.6 to 0.8 of the time, and up to 3.3 times the faces for Gouraud's error. float64
+takes 1.3 to 1.7 times as long, 2.7 times for the exact sphere, and buys nothing.
 
 One sphere of Lambert and Blinn-Phong (n = 30) under two distant lights; meshes are icospheres. Errors: of linear RGB to the
 exact sphere in float64, over its whole disc, lit or not. Every round renders each setting once; times and ratios are medians.

@@ -38,4 +38,4 @@ def run(size: str = "full") -> dict[str, Any]:
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by rule and precision, and the maps."""
-    return page(record, CELLS)
+    return page(record, f"{CELLS} In float32 they are of Phong's lobe and GGX alone.")

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from brdfcheck.brdf.readers.python import load_module, load_object, split_spec
-from brdfcheck.brdf.subject import Target, as_target, catalog_target, named, of_exponent, resolve
+from brdfcheck.brdf.subject import Target, as_target, catalog_target, named, resolve
+from brdfcheck.fits.raw import of_exponent
 from brdfcheck.messages import UsageError, one_line
 
 Write = Callable[..., str]

@@ -134,19 +134,6 @@ def as_family(value: Any, ranges: Mapping[str, Range] | None = None, cos_theta: 
     return as_target(value, ranges, cos_theta).family
 
 
-def of_exponent(name: str, n: Range, held: Mapping[str, Range] | None = None, reading: Reading | None = None) -> Target:
-    """A name as a target over exponents n, where it has any, other parameters held. UsageError where it refuses its values."""
-    modules: dict[str, ModuleType] = {}
-    own = signature_of(named(name, modules, reading)[0])
-    exponent = {"n": n} if own.open or "n" in own.names else {}
-    targets = resolve([name], {**exponent, **(held or {})}, None, reading, modules)
-    _only(name, [target.family.name for target in targets])
-    (target,) = targets
-    if target.finding is not None:
-        raise UsageError(target.finding)
-    return target
-
-
 def load(
     value: Any,
     *,

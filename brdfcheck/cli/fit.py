@@ -122,9 +122,9 @@ def _refuse(export: tuple[Kind, str], json: str | None) -> None:
 
 def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output, export: tuple[Kind, str] | None) -> int:
     start()
-    from brdfcheck.brdf.subject import of_exponent
     from brdfcheck.fits.factor import fit_factor
     from brdfcheck.fits.ladder import factor_ladder
+    from brdfcheck.fits.raw import of_exponent
     from brdfcheck.output import records
     from brdfcheck.output import text as console
 

@@ -15,7 +15,9 @@ from brdfcheck.brdf.base import AbstractBRDF, AbstractZonalLobe
 from brdfcheck.brdf.calling import directional, name_of
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Normalized, PerCosine
 from brdfcheck.brdf.family import Family, interval
-from brdfcheck.brdf.subject import as_family, of_exponent
+from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.signatures import signature_of
+from brdfcheck.brdf.subject import Target, as_family, named, resolve
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.fits.minimax import extrema, spread
 from brdfcheck.messages import UsageError
@@ -91,6 +93,19 @@ class RawAlbedo:
         places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
         smallest = float(np.min(values))
         return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
+
+
+def of_exponent(
+    name: str, n: tuple[float, float], held: Mapping[str, tuple[float, float]] | None = None, reading: Reading | None = None
+) -> Target:
+    """A name as a target over exponents n, where it has any, other parameters held. UsageError where it refuses its values."""
+    modules: dict[str, Any] = {}
+    own = signature_of(named(name, modules, reading)[0])
+    exponent = {"n": n} if own.open or "n" in own.names else {}
+    (target,) = resolve([name], {**exponent, **(held or {})}, None, reading, modules)
+    if target.finding is not None:
+        raise UsageError(target.finding)
+    return target
 
 
 def _one_exponent(target: Any, n: tuple[float, float]) -> tuple[Family, bool]:
