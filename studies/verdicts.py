@@ -9,6 +9,7 @@ the cells of the matrix in float64, half of them on a line within 1e-6 of the al
 Every cell of the stability matrix for one lobe of each kind (5 about an axis at 12 exponents, 2 of facets at 7 slopes, 8 angles
 each) is judged on the line at 1, in either precision, and in float64 on a line that is off the reference albedo by a random
 relative 1e-12 to 1e-6; the slow tests judge those of all lobes.
+
 The random factors are the exact one times 1 + e with |e| from 1e-12 to 1e-6, over random ranges of the exponent: they conserve
 if and only if e is within the tolerance. One search is judged with ten factors (any of them makes the albedo the same number
 at every exponent), and in a cell on both lines, except of facets. UNDECIDED is never false: it says that the error bar reaches

@@ -18,8 +18,8 @@ from brdfcheck import processes, studies
 from brdfcheck.processes import Finished
 
 STUDIES = studies.find()
-# Seconds of studies that may take more than two minutes: one compiles large shaders, one gives 10,736 verdicts, one is a
-# process for each family, twice, one asks every other package for every case.
+# Seconds of studies that may take more than two minutes: two check large shaders, one is a process for each family, twice, one
+# asks every other package.
 LONG = {"shader_corpus": 180, "user_brdfs": 480, "materialx_surfaces": 240, "work_precision": 200}
 
 

@@ -59,6 +59,11 @@ def signature_of(value: Any, ranged: Collection[str] = ()) -> Signature:
     )
 
 
+def arguments_of(core: Any) -> dict[str, Any]:
+    """What a lobe was built from: the arguments of its constructor that it keeps under their names."""
+    return {name: getattr(core, name) for name in inspect.signature(type(core)).parameters if hasattr(core, name)}
+
+
 def _whole_fields(family: Family) -> list[str]:
     """The whole numbers that the lobe of a family is built from, such as the k of the binomial power."""
     import equinox as eqx
@@ -71,8 +76,8 @@ def _whole_fields(family: Family) -> list[str]:
         built = eqx.filter_eval_shape(family.build, **shapes)
     except Exception:  # the factory needs numbers, not tracers
         return []
-    taken = inspect.signature(type(built.core)).parameters if isinstance(built, AbstractBRDF) else ()
-    return [name for name in taken if type(getattr(built.core, name, None)) is int]
+    given = arguments_of(built.core) if isinstance(built, AbstractBRDF) else {}
+    return [name for name, value in given.items() if type(value) is int]
 
 
 def returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:

@@ -27,7 +27,7 @@ from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
-from brdfcheck.brdf.signatures import returns_a_function, signature_of
+from brdfcheck.brdf.signatures import arguments_of, returns_a_function, signature_of
 from brdfcheck.brdf.values import Range, Values, by_value
 from brdfcheck.messages import UsageError, one_line
 
@@ -302,9 +302,7 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
 
     def build(**parameters: Any) -> Any:
         brdf = family.build(**parameters)
-        core = type(brdf.core)
-        given = {key: getattr(brdf.core, key) for key in inspect.signature(core).parameters if hasattr(brdf.core, key)}
-        return brdf.with_core(core(**given | held))
+        return brdf.with_core(type(brdf.core)(**arguments_of(brdf.core) | held))
 
     if BELOW in known and BELOW in family.switches:
         checked_sides(name, known[BELOW])
