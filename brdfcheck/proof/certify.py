@@ -14,7 +14,7 @@ from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.messages import UsageError
-from brdfcheck.proof import facets, functions, mixtures, surfaces
+from brdfcheck.proof import facets, mixtures, surfaces
 from brdfcheck.proof.certificate import Certificate, Ends, of_lobe, reciprocal
 from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
@@ -58,6 +58,8 @@ def certify(
     unbounded = [name for name, bounds in ranges.items() if finite[name] is not bounds]
     if unbounded:
         raise UsageError(f"{subject.family.name}: for a proof of a function the range of {unbounded[0]} must be finite")
+    from brdfcheck.proof import functions  # which takes a while, and theorems do without
+
     return functions.certificate(subject.family, seconds)
 
 

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import erf as _erf
 
 Pair = tuple[np.ndarray, np.ndarray]
 """The lower and the upper ends of intervals."""
@@ -290,12 +289,13 @@ def arccos(a: Enclosed) -> Enclosed:
 
 def erf(a: Enclosed) -> Enclosed:
     """The error function."""
+    from scipy.special import erf  # a tenth of a second, which is for those who need it
 
     def bell() -> Pair:
         scale = times(_exact(2), inverse(sqrt(PI).ends)[0])
         return times(scale, exp(Enclosed(negative(square(a.ends)))).ends)
 
-    return a.chained(_library(_erf, a.ends), bell)
+    return a.chained(_library(erf, a.ends), bell)
 
 
 def absolute(a: Enclosed) -> Enclosed:

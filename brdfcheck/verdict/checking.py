@@ -23,7 +23,6 @@ from brdfcheck.verdict.measured import doubted, searched
 from brdfcheck.verdict.parts import Check, Doubt, SideChecks
 from brdfcheck.verdict.precision import is_single, rounding
 from brdfcheck.verdict.report import TOLERANCE, Report, Verdict, judge
-from brdfcheck.verdict.scan import prepare
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, affordable, supremum
 from brdfcheck.verdict.surface import Watch
 
@@ -97,7 +96,6 @@ def check_family(
     for what the family's own code does: that is a finding.
     """
     start = time.perf_counter()
-    prepare()
     findings: list[str] = []
     notes = list(family.notes)
     worst: Supremum | None = None

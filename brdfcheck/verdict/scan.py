@@ -31,14 +31,33 @@ _ECHOES, _ODD, _ODD_APART, _ODD_ANGLES = 96, 16, 4e-3, 33
 _BETWEEN = np.arange(-3, 4) / 4
 # Which part of a line is far enough from a place for it to stand out, and at most how many places of a line do.
 _BESIDE, _ON_A_LINE = 64, 3
+# Up to how many places every distance is taken sooner than a tree is imported (20 ms against 250), so many points at a time.
+_FEW, _BLOCK = 1200, 64
 # Between which angles (radians) albedos are turned, and how many of those that changed are looked at for their rounding.
 _TURNS, _SUSPECTS = (0.0, 2.4), 64
 
 
 @functools.cache
-def prepare() -> None:
-    """Import what a scan needs beside other work: it takes a quarter of a second, which who checks nothing does without."""
+def _prepare() -> None:
+    """Import a tree for the neighbours of many points beside other work: it takes a quarter of a second."""
     threading.Thread(target=importlib.import_module, args=("scipy.spatial",), daemon=True).start()
+
+
+def _neighbours(places: np.ndarray, at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and indices (points of `at`, count) of the `count` of the places next to each point, the nearest first."""
+    if len(places) > _FEW:
+        from scipy.spatial import KDTree
+
+        return KDTree(places).query(at, k=count)
+    found = []
+    for block in np.split(at, range(_BLOCK, len(at), _BLOCK)):
+        squares = sum(np.square(here[:, None] - there) for here, there in zip(block.T, places.T, strict=True))
+        nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
+        order = np.argsort(np.take_along_axis(squares, nearest, 1), axis=1, kind="stable")
+        nearest = np.take_along_axis(nearest, order, 1)
+        found.append((np.sqrt(np.take_along_axis(squares, nearest, 1)), nearest))
+    distance, index = (np.concatenate(part) for part in zip(*found, strict=True))
+    return distance, index
 
 
 @dataclass
@@ -69,6 +88,8 @@ class Scan:
         self._count = int(_POINTS[min(swept + surface.albedo.anisotropic, 3)] * scale)
         if surface.fast:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
+        if self._count > _FEW:
+            _prepare()
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
         box = surface.box
         places = np.concatenate([box.landmarks(), box.scan(self._count, 0, self._cosines)])
@@ -216,11 +237,8 @@ class Scan:
         good = np.flatnonzero(np.isfinite(points.values))
         if dimension == 0 or len(good) < 4 * (dimension + 1):
             return np.zeros((0, dimension))
-        from scipy.spatial import KDTree
-
-        tree = KDTree(points.places[good])
         top = good[np.argsort(points.values[good])[::-1][: min(len(good), 4096)]]
-        distance, neighbours = tree.query(points.places[top], k=2 * dimension + 2)
+        distance, neighbours = _neighbours(points.places[good], points.places[top], 2 * dimension + 2)
         around = points.values[good][neighbours]
         # As steep on as it was so far: what a point could be half way to the next.
         steep = np.max(np.abs(around - points.values[top][:, None]), axis=1)
@@ -241,10 +259,8 @@ class Scan:
         neighbours = 2 * dimension + 4
         if not swept or angle is None or len(good) < 4 * neighbours:
             return np.zeros((0, dimension))
-        from scipy.spatial import KDTree
-
         places, values = points.places[good], points.values[good]
-        index = np.asarray(KDTree(places).query(places, k=neighbours + 1)[1])
+        index = _neighbours(places, places, neighbours + 1)[1]
         # What a plane through the neighbours says of a point; shrunk a little, for neighbours that lie on a line.
         others = values[index[:, 1:]]
         offset = places[index[:, 1:]] - places[:, None]
