@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-import typing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -152,8 +151,14 @@ def test_4_with_one_line_for_what_is_wrong(run: Run, write: Write, text: str, sa
     assert err.count("\n") == 1
 
 
-def test_the_names_of_findings_are_those_of_the_checks_that_can_fail() -> None:
-    assert {*typing.get_args(config.Finding), "sides"} == {*CHECKS, "other"}
+def test_a_new_check_may_be_known(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write("brdfcheck.toml", '[[subjects]]\ntarget = "a.py:f"\nexpect = { findings = ["bright", "other"], reason = "x" }')
+    with pytest.raises(UsageError, match=r"must be one of 'reciprocal', .*, 'other'; got 'bright'"):
+        config.read(path)
+    monkeypatch.setitem(CHECKS, "bright", CHECKS["positive"])
+    gate = config.read(path)
+    assert gate is not None
+    assert gate.requests()[0].expect.findings == ["bright", "other"]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.fits.compensation import Lookup
 from brdfcheck.quadrature.pointwise import Frozen, PointwiseAlbedo
 from brdfcheck.runtime import double_precision
-from brdfcheck.verdict.report import Report, judge
+from brdfcheck.verdict.report import Report, judge, reported
 from brdfcheck.verdict.supremum import supremum
 
 TOLERANCE = 1e-5
@@ -40,22 +40,15 @@ def checked(family: Family, added: Lookup) -> Report:
             effort="quick",
             axial=albedo.fast and albedo.single,
         )
-    names = (
-        "error", "least", "parameters", "cos_theta", "azimuth", "basis", "points", "climbs", "settled", "width", "unbounded",
-        "channel", "channels",
-    )  # fmt: skip
-    return Report(
+    return reported(
+        family,
+        judge(worst.value, worst.error, TOLERANCE, least=worst.least, settled=worst.settled),
+        worst,
+        albedo,
         name=f"{family.name} with compensation",
-        verdict=judge(worst.value, worst.error, TOLERANCE, least=worst.least, settled=worst.settled),
-        ranges=family.ranges,
         tolerance=TOLERANCE,
-        albedo=worst.value,
-        engine=albedo.engine_name,
-        anisotropic=albedo.anisotropic,
-        evaluations=albedo.evaluations,
         seconds=time.perf_counter() - start,
         effort="quick",
-        **{name: getattr(worst, name) for name in names},
     )
 
 

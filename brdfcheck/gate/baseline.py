@@ -11,14 +11,12 @@ from datetime import date
 from typing import TYPE_CHECKING, Any
 
 from brdfcheck.documents import read_text
-from brdfcheck.gate.config import Gate, Known
+from brdfcheck.gate.config import OTHER, Gate, Known
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
     from brdfcheck.verdict import Report
 
-OTHER = "other"
-"""What a finding is called that comes from no check by name."""
 # By how much of what is known to exceed 1 a violation must have shrunk for the entry to be out of date.
 _LESS = 0.99
 

@@ -41,6 +41,7 @@ from brdfcheck.brdf.values import Range, Values, components
 from brdfcheck.documents import Model, read_document, read_text, shown, validated
 from brdfcheck.gate.requests import Request
 from brdfcheck.messages import UsageError
+from brdfcheck.verdict.checks import CHECKS
 
 OWN, SHARED = "brdfcheck.toml", "pyproject.toml"
 """Where the subjects of a project are looked for, in this order."""
@@ -57,8 +58,16 @@ _Numbers = Annotated[list[float], Strict(False)]
 _Tolerance = Annotated[float, Field(ge=0, le=0.5)]
 _Rtol = Annotated[float, Field(ge=1e-16, le=0.5)]
 _Effort = Literal["quick", "normal", "thorough"]
-Finding = Literal["reciprocal", "positive", "finite", "pdf", "weight", "other"]
-"""The checks that can fail, by name (`brdfcheck.verdict.checks`, which is heavy), and what comes from none of them."""
+OTHER = "other"
+"""What a finding is called that comes from no check by name."""
+
+
+def _finding(name: str) -> str:
+    """The name, if it is that of a check or `OTHER`."""
+    names = (*CHECKS, OTHER)
+    if name not in names:
+        raise ValueError(f"must be one of {', '.join(map(repr, names))}")
+    return name
 
 
 class Each(Model):
@@ -76,7 +85,7 @@ class Known(Model):
 
     violates: float | None = Field(None, gt=1, allow_inf_nan=True)
     undecided: bool = False
-    findings: list[Finding] = []  # noqa: RUF012 - pydantic copies it
+    findings: list[Annotated[str, AfterValidator(_finding)]] = []  # noqa: RUF012 - pydantic copies it
     reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 
     @model_validator(mode="after")

@@ -18,11 +18,11 @@ from brdfcheck.brdf.family import Family, examples
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.messages import UsageError
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
-from brdfcheck.verdict.checks import CHECKS, Evidence
+from brdfcheck.verdict.checks import CHECKS, TOLD, Evidence
 from brdfcheck.verdict.measured import doubted, searched
-from brdfcheck.verdict.parts import Check, Doubt, SideChecks
+from brdfcheck.verdict.parts import Check, Doubt
 from brdfcheck.verdict.precision import is_single, rounding
-from brdfcheck.verdict.report import TOLERANCE, Report, Verdict, judge
+from brdfcheck.verdict.report import TOLERANCE, Report, Verdict, judge, reported
 from brdfcheck.verdict.supremum import EFFORTS, Supremum, affordable, supremum
 from brdfcheck.verdict.surface import Watch
 
@@ -129,7 +129,7 @@ def check_family(
             notes.append(f"of {every} channels the {len(channels)} that reflect most were searched")
         evidence = Evidence(albedo, worst.parameters, worst.cos_theta, worst.azimuth)
         checks = [found for made in CHECKS.values() if (found := made(evidence)) is not None]
-        notes += [found.words for found in checks if found.name == "sides"]
+        notes += [found.words for found in checks if found.name in TOLD]
     except Finding as finding:
         _log.debug("%s", family.name, exc_info=True)
         findings.append(str(finding))
@@ -159,12 +159,12 @@ def check_family(
             notes.append("computed in float32: call brdfcheck.use_x64() first for an error bar below 1e-9")
         if not worst.settled and np.isfinite(worst.value):
             notes.append("the search did not settle: narrow the ranges, or give it more effort")
-    return _report(
+    return reported(
         family,
         verdict,
         worst,
-        side,
         albedo,
+        side=side,
         doubt=doubt,
         checks=tuple(checks),
         findings=tuple(findings),
@@ -195,39 +195,7 @@ def unusable(
 ) -> Report:
     """The report on a family that cannot be evaluated: undecided, and `finding` says why."""
     findings = (finding,)
-    return _report(
-        family, Verdict.UNDECIDED, None, None, None, findings=findings, tolerance=tolerance, effort=effort, seconds=seconds
-    )
-
-
-def _report(
-    family: Family,
-    verdict: Verdict,
-    worst: Supremum | None,
-    side: SideChecks | None,
-    albedo: PointwiseAlbedo | None,
-    **more: Any,
-) -> Report:
-    """What was found, as it is told; without `worst` nothing could be evaluated."""
-    found = {}
-    if worst is not None:
-        names = (
-            "error", "least", "cos_theta", "azimuth", "above", "basis", "theorem", "points", "climbs", "settled", "width",
-            "unbounded", "channel", "channels",
-        )  # fmt: skip
-        found = {name: getattr(worst, name) for name in names}
-        found |= {"albedo": worst.value, "parameters": {**family.held, **worst.parameters}}
-    return Report(
-        name=family.name,
-        verdict=verdict,
-        ranges={**{name: (value, value) for name, value in family.held.items()}, **family.ranges},
-        side=side,
-        engine="none" if albedo is None else albedo.engine_name,
-        anisotropic=albedo is not None and albedo.anisotropic,
-        evaluations=0 if albedo is None else albedo.evaluations,
-        **found,
-        **more,
-    )
+    return reported(family, Verdict.UNDECIDED, findings=findings, tolerance=tolerance, effort=effort, seconds=seconds)
 
 
 def _batches(albedo: PointwiseAlbedo) -> list[str]:

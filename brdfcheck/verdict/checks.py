@@ -1,19 +1,20 @@
 """The checks beside the albedo: a function for each, which says what it measured, whether that passes, and both in words.
 
-A new check is a function and its row in `CHECKS`; text, JSON and JUnit show it without being touched.
+A new check is a function and its row in `CHECKS`; text, JSON and JUnit show it without being touched. What computes is imported
+where it is used: configurations read the names of checks without it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from brdfcheck.quadrature.pointwise import PointwiseAlbedo
-from brdfcheck.verdict import sampling_checks as sampling
 from brdfcheck.verdict.parts import Check, SideChecks, Witness
-from brdfcheck.verdict.side_checks import side_checks
+
+if TYPE_CHECKING:
+    from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 
 
 class Evidence:
@@ -25,6 +26,8 @@ class Evidence:
     @cached_property
     def side(self) -> SideChecks:
         """The BRDF at pairs of directions and at all that the search saw; made once for all checks."""
+        from brdfcheck.verdict.side_checks import side_checks
+
         return side_checks(self.albedo, self.parameters)
 
     def where(self, witness: Witness | None) -> str:
@@ -71,13 +74,15 @@ def _finite(evidence: Evidence) -> Check:
     side = evidence.side
     if not side.nonfinite:
         return Check("finite", 0, True, f"finite at {side.pairs} values")
-    what = "NaN everywhere" if np.isnan(side.minimum) else f"{side.nonfinite} of {side.pairs} values are NaN or Inf"
-    kind = f", {side.broken.value}" if side.broken is not None and not np.isnan(side.minimum) else ""
+    what = "NaN everywhere" if math.isnan(side.minimum) else f"{side.nonfinite} of {side.pairs} values are NaN or Inf"
+    kind = f", {side.broken.value}" if side.broken is not None and not math.isnan(side.minimum) else ""
     return Check("finite", side.nonfinite, False, f"not finite: {what}{kind}{evidence.where(side.broken)}")
 
 
 def _pdf(evidence: Evidence) -> Check | None:
     """The density of samples integrates to at most 1, and to nothing below the surface of what is opaque."""
+    from brdfcheck.verdict import sampling_checks as sampling
+
     albedo = evidence.albedo
     if sampling.sampler_of(albedo, evidence.parameters) is None:
         return None
@@ -98,6 +103,8 @@ def _pdf(evidence: Evidence) -> Check | None:
 
 def _weight(evidence: Evidence) -> Check | None:
     """The weight of a sample is f |cos| over its density."""
+    from brdfcheck.verdict import sampling_checks as sampling
+
     albedo = evidence.albedo
     if sampling.sampler_of(albedo, evidence.parameters) is None:
         return None
@@ -115,6 +122,8 @@ def _weight(evidence: Evidence) -> Check | None:
 
 def _sides(evidence: Evidence) -> Check | None:
     """What is reflected and transmitted of light from either side: told, not judged, for the albedo holds it."""
+    from brdfcheck.verdict import sampling_checks as sampling
+
     albedo, brdf = evidence.albedo, sampling.sampler_of(evidence.albedo, evidence.parameters)
     if albedo.family.surface is not None:
         found, passing = sampling.shares(albedo, evidence.parameters, evidence.cos_theta, evidence.azimuth), "T"
@@ -136,3 +145,5 @@ CHECKS: dict[str, Callable[[Evidence], Check | None]] = {
     "sides": _sides,
 }
 """By name, in the order in which reports tell them. None: it has no meaning for this BRDF."""
+TOLD = ("sides",)
+"""Those whose words are a note of the report, though they passed."""

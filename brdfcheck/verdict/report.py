@@ -6,9 +6,15 @@ import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from brdfcheck.verdict import words
 from brdfcheck.verdict.parts import Check, Doubt, SideChecks, degrees
+
+if TYPE_CHECKING:
+    from brdfcheck.brdf.family import Family
+    from brdfcheck.quadrature.pointwise import PointwiseAlbedo
+    from brdfcheck.verdict.supremum import Supremum
 
 TOLERANCE = 1e-9
 """How far above 1 an albedo may lie and still count as conserving."""
@@ -108,3 +114,27 @@ def judge(
     if surely > 1 + tolerance or value == math.inf:
         return Verdict.VIOLATES
     return Verdict.CONSERVES if settled and value + error <= 1 + tolerance else Verdict.UNDECIDED
+
+
+def reported(
+    family: Family, verdict: Verdict, worst: Supremum | None = None, albedo: PointwiseAlbedo | None = None, **more: Any
+) -> Report:
+    """The report on a family: `worst` is what a search of `albedo` found, and without it nothing could be evaluated.
+
+    `more`: fields of the report that neither of them knows, or knows otherwise.
+    """
+    found: dict[str, Any] = {
+        "name": family.name,
+        "verdict": verdict,
+        "ranges": {**{name: (value, value) for name, value in family.held.items()}, **family.ranges},
+    }
+    if worst is not None:
+        same = (
+            "error", "least", "cos_theta", "azimuth", "above", "basis", "theorem", "points", "climbs", "settled", "width",
+            "unbounded", "channel", "channels",
+        )  # fmt: skip
+        found |= {name: getattr(worst, name) for name in same}
+        found |= {"albedo": worst.value, "parameters": {**family.held, **worst.parameters}}
+    if albedo is not None:
+        found |= {"engine": albedo.engine_name, "anisotropic": albedo.anisotropic, "evaluations": albedo.evaluations}
+    return Report(**found | more)

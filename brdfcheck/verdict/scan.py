@@ -48,10 +48,12 @@ def _neighbours(places: np.ndarray, at: np.ndarray, count: int) -> tuple[np.ndar
     if len(places) > _FEW:
         from scipy.spatial import KDTree
 
-        return KDTree(places).query(at, k=count)
+        return KDTree(places).query(at, count)  # pyright: ignore[reportReturnType]
     found = []
     for block in np.split(at, range(_BLOCK, len(at), _BLOCK)):
-        squares = sum(np.square(here[:, None] - there) for here, there in zip(block.T, places.T, strict=True))
+        squares = np.zeros((len(block), len(places)))
+        for here, there in zip(block.T, places.T, strict=True):
+            squares += np.square(here[:, None] - there)
         nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
         order = np.argsort(np.take_along_axis(squares, nearest, 1), axis=1, kind="stable")
         nearest = np.take_along_axis(nearest, order, 1)
