@@ -111,7 +111,7 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["phong", "--over", "m=1"], "phong has no parameter 'm'; its parameters: n"),
         (["--verify", "c.json", "-o", "d.json"], "--verify takes the ranges from the certificate"),
         (["--verify", "c.json"], "there is no file 'c.json'"),
-        (["phong", "-o", "c.png"], "--out: must end in .json; got 'c.png'"),
+        (["phong", "-o", "c.png"], "--output: must end in .json; got 'c.png'"),
         (["phong", "-o", "no/c.json"], "cannot write 'no/c.json': the folder"),
     ],
 )

@@ -49,6 +49,7 @@ def _certify(
         list[words.Setting] | None,
         typer.Option(
             "--over",
+            "--set",
             metavar="NAME=LO:HI",
             parser=words.open_setting,
             help="Let a parameter run over a range, whose upper end may be inf, or hold it with NAME=VALUE. Repeatable.",
@@ -64,7 +65,7 @@ def _certify(
         str | None,
         words.file(
             "-o",
-            "--out",
+            "--output",
             ends=(".json",),
             bare=True,
             stdout=True,
@@ -83,7 +84,7 @@ def _certify(
     """
     if check is not None:
         if over or out or cos_theta:
-            raise UsageError("--verify takes the ranges from the certificate: give no --over, --cos-theta or -o")
+            raise UsageError("--verify takes the ranges from the certificate: give no --over, --cos-theta or --output")
         return _verified(check, name, how)
     if name is None:
         raise UsageError("give a BRDF to certify, or --verify FILE")
@@ -103,7 +104,7 @@ def _certify(
         return ExitCode.FAILED
     output.line(f"{name}  {certificate}")
     if out is not None:
-        output.save(out, certificate.to_json(), "--out")
+        output.save(out, certificate.to_json(), "--output")
     return ExitCode.PASSED if certificate else ExitCode.FAILED
 
 

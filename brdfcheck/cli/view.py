@@ -35,7 +35,7 @@ def _view(
     tolerance: check.Tolerance = None,
     effort: check.Effort = None,
     jobs: check.Jobs = None,
-    out: Annotated[str, words.file("-o", "--out", ends=(".html", ".htm"), help="The file of the page.")] = "brdfcheck.html",
+    out: Annotated[str, words.file("-o", "--output", ends=(".html", ".htm"), help="The file of the page.")] = "brdfcheck.html",
     no_open: Annotated[bool, typer.Option("--no-open", help="Write the page, but open no browser.")] = False,
 ) -> int:
     """Check BRDFs and look at what was found in a browser.
