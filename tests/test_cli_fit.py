@@ -32,6 +32,9 @@ MINE = """
 
     def negative(n):
         return lambda wi, wo: -1.0 + 0 * wi[..., 2]
+
+    def grey(wi, wo):
+        return 0.1 + 0 * wi[..., 2]
 """
 
 
@@ -41,6 +44,13 @@ def test_plain_text(run: Run) -> None:
     assert "factor (n + 7.24267604)/26.17000503  (minimax over n=1:1000)" in out
     assert "smallest  albedo 0.9063806983  at n=1, normal incidence" in out
     assert "verdict   CONSERVES over all angles" in out
+
+
+def test_what_has_no_exponent_gets_a_constant(run: Run, mine: str) -> None:
+    code, out, err = run("fit", f"{mine}:grey")
+    assert (code, err) == (ExitCode.PASSED, "")
+    assert re.search(r"grey  constant 3\.1830988\d+  \(minimax\)\n  to copy   the constant 3\.183  ", out)
+    assert "n=1" not in out
 
 
 @pytest.mark.parametrize("name", ["binomial-power-half", "schlick-mirror", "kuijk-blake-mirror"])

@@ -136,6 +136,9 @@ KINDS = """
     def odd_pair(first, second):
         return function
 
+    def of_three(a, b, c):
+        return function
+
     def components(lx, ly, lz, vx, vy, vz):
         return 0.3
 
@@ -206,6 +209,7 @@ def test_whole_numbers_are_passed_as_such(kinds: str) -> None:
 @pytest.mark.parametrize(
     ("name", "ranges", "message"),
     [
+        ("of_three", {"b": (0.2, 0.2)}, "the parameters a, c must be given a range: --over a=LO:HI --over c=LO:HI"),
         ("factory", {}, "the parameter n must be given a range: --over n=LO:HI"),
         ("Mine", {}, "the parameter gloss must be given"),
         ("components", {}, "be given a range: .*; or write f\\(wi, wo, ...\\) where these are directions"),

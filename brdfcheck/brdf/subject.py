@@ -208,7 +208,8 @@ def family_of(
     is_function = not inspect.isclass(value) and signature.open and not signature.names and not ranges
     if not is_function and not inspect.isclass(value) and len(missing) >= 2:
         named_so = all(name.lower() in DIRECTIONS for name in missing[:2])
-        if len(missing) == 2 and not set(missing) & _PARAMETERS and not any(map(is_number, missing)):
+        first = missing == list(signature.names[:2])  # which is where directions go
+        if len(missing) == 2 and first and not set(missing) & _PARAMETERS and not any(map(is_number, missing)):
             middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
             is_function = named_so or not returns_a_function(value, {**middle, **held})
         elif named_so:
