@@ -51,6 +51,7 @@ LONG = (
     "table ggx --over roughness=0.1:1 --size 16x16 -o dfg.glsl", "check gold-paint", "check glossy.brdf --effort quick",
     "check --config gate.toml -k lobe", "check lobe.glsl:shade --over n=1:50", "check mine.py:glossy --over n=1:200 --html",
     "check 'mine.py:*'", "check mine.py:glossy --over n=1,10,100", "fit ggx", "table ggx --over roughness=0:1",
+    "check rough-dielectric-ggx",
 )  # fmt: skip
 ELSEWHERE = ("blinn.glsl", "--scheduler", "--update-baseline", "--watch", "material.mtlx:gold", "materialx:", "mitsuba:")
 # Sizes in Python, and those that a test needs.

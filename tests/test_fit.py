@@ -22,6 +22,7 @@ from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.output.records import fit_object
 from brdfcheck.output.text import describe
 from brdfcheck.quadrature.albedo import albedo
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Verdict
 
 # One entry for each lobe: the factors of entries are taken off.
@@ -236,7 +237,12 @@ def test_users_families():
         fit_factor(Family("glossy", glossy, {"n": (1, 10), "ks": (0, 1)}))
 
 
-@pytest.mark.parametrize("exponent", [lambda n: n**2, lambda n: 40.0, lambda n: np.maximum(float(n), 5.0)])
+def by_numbers(n):
+    """An exponent that JAX cannot trace, so that numpy evaluates the lobe."""
+    return np.maximum(float(n), 5.0)
+
+
+@pytest.mark.parametrize("exponent", [lambda n: n**2, lambda n: 40.0, pytest.param(by_numbers, marks=pytest.mark.slow)])
 def test_the_factor_is_of_the_familys_exponent_and_not_the_lobes(exponent):
     """Of a squared exponent, a lobe that is held at one, and code that JAX cannot trace."""
     fit = fit_factor(lambda n: BlinnPhong(exponent(n)), (1, 30))
@@ -247,6 +253,15 @@ def test_the_factor_is_of_the_familys_exponent_and_not_the_lobes(exponent):
     assert float(fit.report.albedo) == pytest.approx(1, abs=1e-8)
     assert fit.verdict is Verdict.CONSERVES
     assert fit.proved is None
+
+
+def test_the_factor_of_an_exponent_by_numbers_is_put_at_the_familys():
+    raw, factor = RawAlbedo(lambda n: BlinnPhong(by_numbers(n)), (1, 30)), Factor(2.0, 10.0)
+    assert not raw.own
+    value = float(albedo(BlinnPhong(5.0), 1.0).value)
+    assert raw(np.array([3.0])) == pytest.approx(value, rel=1e-9)
+    scaled = PointwiseAlbedo(raw.with_factor(factor))(np.full((1, 1), 3.0), np.ones(1), np.zeros(1))[0]
+    assert scaled == pytest.approx(float(factor(3.0)) * value, rel=1e-9)
 
 
 def test_an_exponent_that_is_only_converted_is_the_lobes_own():
