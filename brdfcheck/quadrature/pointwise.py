@@ -27,6 +27,7 @@ from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.functions import Adaptive, Albedo, adaptive_albedo
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.limit import grazing_limit
+from brdfcheck.quadrature.members import Members
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.rule import AbstractEngine
 from brdfcheck.quadrature.seen import Seen
@@ -93,6 +94,7 @@ class PointwiseAlbedo:
             self.anisotropic = turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
         else:
             self.engine = engine_of(self._template)
+            self._members = Members(family)
 
     @property
     def engine_name(self) -> str:
@@ -170,11 +172,7 @@ class PointwiseAlbedo:
 
     def brdfs(self, parameters: np.ndarray) -> Any:
         """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
-        if not self.names:
-            brdf = self.family.build()
-            return jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(parameters), *np.shape(leaf))), brdf)
-        columns = {name: parameters[:, i] for i, name in enumerate(self.names)}
-        return jax.tree.map(np.asarray, jax.vmap(lambda values: self.family.build(**values))(columns))
+        return self._members(parameters)
 
     def __call__(
         self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *, rtol: float | None = None

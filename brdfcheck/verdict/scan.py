@@ -45,6 +45,13 @@ def _prepare() -> None:
 
 def _neighbours(places: np.ndarray, at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Distances and indices (points of `at`, count) of the `count` of the places next to each point, the nearest first."""
+    if places.shape[1] == 1:
+        order = np.argsort(places[:, 0], kind="stable")
+        line, wide = places[order, 0], min(2 * count, len(places))
+        first = np.clip(np.searchsorted(line, at[:, 0]) - count, 0, len(line) - wide)[:, None] + np.arange(wide)
+        apart_by = np.abs(line[first] - at)
+        nearest = np.argsort(apart_by, axis=1, kind="stable")[:, :count]
+        return np.take_along_axis(apart_by, nearest, 1), order[np.take_along_axis(first, nearest, 1)]
     if len(places) > _FEW:
         from scipy.spatial import KDTree
 
