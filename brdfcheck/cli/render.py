@@ -145,7 +145,6 @@ def _render(
 
 
 def _of_scene(path: str, size: words.Size | None, samples: int, most: int, quality: str) -> Any:
-    from brdfcheck.budgets.measure import full_model
     from brdfcheck.budgets.scenes import OWN, parse_scene
     from brdfcheck.documents import read_document
     from brdfcheck.scene import files
@@ -160,9 +159,11 @@ def _of_scene(path: str, size: words.Size | None, samples: int, most: int, quali
     full = (height * samples, width * samples)
     with asked(f"{one_line(path)}: "):  # what is right by itself and wrong together, as a camera inside the object
         # In a room the light's bounces between its walls come in, which is what a budget's full model has.
-        in_a_room = "room" in document
-        image = full_model(parse_scene(document, label, folder=folder), full) if in_a_room else scene.render(full)
-        return averaged(image, samples)
+        if "room" not in document:
+            return averaged(scene.render(full), samples)
+        from brdfcheck.budgets.measure import full_model
+
+        return averaged(full_model(parse_scene(document, label, folder=folder), full), samples)
 
 
 def _of_brdf(

@@ -42,7 +42,7 @@ class Zonal(AbstractDigits):
     best: ClassVar[float] = 1e-12
     effort: ClassVar[int] = 0
     batch: ClassVar[int] = 256
-    chunk: ClassVar[int] = 256
+    chunk: ClassVar[int] = 64
 
     def __init__(self, digits: float = 12):
         self.digits = checked_digits(digits)
