@@ -191,7 +191,7 @@ class TruncatedPowerExact(AbstractFactor):
     r"""For $\max(0, 1 - n(1-c)/k)^k$: the binomial power, and Lyon's lobe with k = 2^w.
 
     The integrand is a polynomial of degree k+1 (mirror) or k+3 (half) up to the first zero of the lobe, so a Gauss rule of
-    that degree is a closed form. ValueError for an unknown form or k < 1.
+    that degree is a closed form. `clamped`: false for the power without the max. ValueError for an unknown form or k < 1.
     """
 
     k: int = eqx.field(static=True)

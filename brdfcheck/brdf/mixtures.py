@@ -46,8 +46,8 @@ class FresnelBlend(AbstractBRDF):
     r"""$\min(F_i, F_o)\, f_s + (1 - \max(F_i, F_o))\, f_d$, with Schlick's $F = F_0 + (1 - F_0)(1 - \cos\theta)^5$.
 
     Reciprocal where its parts are. It conserves if both do and $0 \le F_0 \le 1$: for light from $\omega_i$ the first weight is
-    at most $F_i$ and the second at most $1 - F_i$, whatever $\omega_o$. `coat` is f_s, `base` is f_d. TypeError where a part is
-    no BRDF of this package.
+    at most $F_i$ and the second at most $1 - F_i$, whatever $\omega_o$. `coat` is f_s, `base` is f_d, `f0` the reflectance at
+    normal incidence. TypeError where a part is no BRDF of this package.
     """
 
     coat: AbstractBRDF

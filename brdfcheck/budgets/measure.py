@@ -75,13 +75,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Budget:
-    """The cheapest combination within a tolerance.
+    """The cheapest combination within the `tolerance` of a `scene`: a row for each knob, in `rows`.
 
     `predicted`: the sum of the errors of its rungs; `error`: that of its picture, or of its worst rung alone if that is larger;
     `verified`: of the picture, rendered once more. Errors of pixels are in units of full scale, after the transfer curve, those
     of energy relative. `cost`: its work over the full model's. `full_seconds`: of the full model, the median of one run in
     which both were rendered in turns; `ratios`: quartiles of the time over the full model's in the same round. `points`: (cost,
-    error, "frontier" or "other") of the combinations that were rendered.
+    error, "frontier" or "other") of the `combinations` that were rendered. `ladders`: the rungs of each knob, from cheap to
+    dear; `image` and `reference`: the pictures (3, height, width) of the combination and of the full model, in linear light.
     """
 
     scene: Scene

@@ -62,13 +62,14 @@ class Step:
 
 @dataclass(frozen=True)
 class FactorFit:
-    """A fitted factor and what it does to the albedo of its lobe.
+    """A fitted factor and what it does to the albedo of its lobe, called `name`: by an `objective`, over exponents `n`.
 
-    `peak` +- `peak_error` is the largest albedo over the range of n and all angles, `at` says where (n, cos_theta).
-    `smallest` is the smallest albedo at normal incidence, at the exponent `smallest_n`. `history`: the steps of the fit.
-    `report`: the verdict of `check`. `remark`: why the factor wastes much of the light; empty where it does not. `fitted`
-    is the factor before it was certified, `family` the family with the factor on it. `proved`: a factor of 10 digits beside it
-    whose albedo is proved to be at most 1; None where the proofs do not know the lobe.
+    `sampling`: how the exponents of a least-squares fit lie. `peak` +- `peak_error` is the largest albedo over the range of n
+    and all angles, `at` says where (n, cos_theta). `smallest` is the smallest albedo at normal incidence, at the exponent
+    `smallest_n`. `history`: the steps of the fit. `report`: the verdict of `check`. `remark`: why the factor wastes much of the
+    light; empty where it does not. `fitted` is the factor before it was certified, `family` the family with the factor on it.
+    `proved`: a factor of 10 digits beside it whose albedo is proved to be at most 1; None where the proofs do not know the
+    lobe.
     """
 
     name: str

@@ -42,8 +42,9 @@ def figure(
     """The figure of `kind` (one of `KINDS`) with these curves, all of that kind.
 
     `scale`: ``"log"`` or ``"linear"`` parameter axis; by default logarithmic where the range is long and starts above 0.
-    `limits`: (bottom, top) of the albedo axis; by default it holds the curves but ends at 6, and says so.
-    ValueError where the curves do not fit into one figure: different parameters, a logarithmic axis through 0, none at all.
+    `limits`: (bottom, top) of the albedo axis; by default it holds the curves but ends at 6, and says so. `title`: a line
+    above. ValueError where the curves do not fit into one figure: different parameters, a logarithmic axis through 0, none at
+    all.
     """
     from brdfcheck.plots import panels, paper
 
@@ -64,6 +65,7 @@ def to_bytes(figure: Figure, suffix: str, *, widest: int | None = None) -> bytes
     """The figure as a file of the format `suffix`, one of `FORMATS`. The same bytes each time.
 
     `widest`: for pages that are kept, how many pixels across a PNG may have; images in an SVG get few colours.
+    ValueError for another suffix.
     """
     from brdfcheck.plots import paper
 

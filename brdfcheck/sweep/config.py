@@ -133,8 +133,9 @@ class Axis:
 class Config:
     """A checked configuration.
 
-    `seed`: for rules that draw at random. `folder`: where the files of users' BRDFs are looked for; `label`: its name in
-    messages. `reading`: how these files are read, its folders seen from that one.
+    `axes`: parameters, angles and settings by name; `chunks`: how many values of an axis are computed together. `seed`: for
+    rules that draw at random. `folder`: where the files of users' BRDFs are looked for; `label`: its name in messages.
+    `reading`: how these files are read, its folders seen from that one.
     """
 
     axes: Mapping[str, Axis]

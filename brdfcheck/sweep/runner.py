@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a sweep has come: cells and chunks in the store, and how many of the cells were there when it began."""
+    """How far a sweep has come: cells and chunks in the store, and `cells_before`, those that were there when it began."""
 
     cells: int
     chunks: int
@@ -72,8 +72,8 @@ def fill(
 ) -> Summary:
     """Compute the chunks of `plan` that the store `out` lacks, and write them. Raises UsageError and SweepError.
 
-    `scheduler`: the address of a Dask scheduler; without one, the devices of this machine. `progress` is called at the
-    beginning and after each chunk.
+    `scheduler`: the address of a Dask scheduler; without one, the devices of this machine. `repair`: compute damaged chunks
+    again, which are an error otherwise. `progress` is called at the beginning and after each chunk.
     """
     began = time.perf_counter()
     computer = None
@@ -125,6 +125,7 @@ def run_sweep(
     `config`: a TOML file (see `brdfcheck.sweep.config`) or a `Config`. The dataset has the dimensions of the configuration:
     `albedo` and `error` (with a trailing `channel` for RGB), `evaluations`, and `seconds` over the grid of chunks. What is
     in the store already is kept: interrupted at any moment and called again, it resumes, and the result is byte-identical.
+    `progress` is called at the beginning and after each chunk.
 
     Raises UsageError for a configuration that is wrong or does not match the store, SweepError where the disk is full,
     the store is damaged (`repair` mends it), or the cluster at `scheduler` is lost.

@@ -43,7 +43,7 @@ _STEP, _DEPTH = 0.3, 18.0
 
 
 class AngularOperator(eqx.Module):
-    """T as a matrix on cosines of incidence, (nodes,); the last node is normal incidence, with the weight 0.
+    """T as a matrix on cosines of incidence, `cos_theta` (nodes,); the last node is normal incidence, with the weight 0.
 
     `matrix` acts on values at the nodes, its rows add up to the directional albedo; `weight` integrates over the cosine.
     `defect`: by how much the rule alone would have missed the albedo at each node; `error`: a bound on the albedo's own error.
@@ -125,7 +125,7 @@ def _radius(operator: AngularOperator, reciprocal: bool) -> Radius:
 
 
 def angular_operator(brdf: Callable[..., Any], *, nodes: int = 192, azimuths: int = 512) -> AngularOperator:
-    """T of a BRDF that JAX can trace, isotropic and of one channel, in the precision of its parameters.
+    """T of `brdf`, which JAX can trace, isotropic and of one channel, in the precision of its parameters.
 
     Gauss-Legendre `nodes` over the cosine (normal incidence is added) and `azimuths` over half a turn, which crowd towards
     both of its ends, where needles are. The rows add up to `brdfcheck.albedo` whatever the lobe; for exponents above about

@@ -49,9 +49,9 @@ class Balance(eqx.Module):
 
 
 class AbstractEnclosure(eqx.Module):
-    """Form factors and areas of a closed enclosure.
+    """`form_factors` and `areas` of the patches of a closed enclosure.
 
-    `uncertainty` bounds the sum over a row of the form factors' errors.
+    `uncertainty` bounds the sum over a row of the form factors' errors; `balance`: what was enforced.
     """
 
     form_factors: Float[Array, "patches patches"]

@@ -79,7 +79,9 @@ def perpendicular_rectangles(x: Any, y: Any, z: Any, other_y: Any) -> FormFactor
 
 
 def coaxial_disks(radius: Any, other_radius: Any, distance: Any) -> FormFactor:
-    r"""From a disk to a parallel one on the same axis, shapes broadcast; radii >= 0, distance > 0, one unit of length.
+    r"""From a disk of `radius` to a parallel one of `other_radius` on the same axis, shapes broadcast.
+
+    Radii >= 0, `distance` > 0, in one unit of length.
 
     $F = \frac12[X - \sqrt{X^2 - 4(r_2/r_1)^2}]$, $X = 1 + (d^2 + r_2^2)/r_1^2$ (Howell's catalogue C-41), written as
     $2 r_2^2/(Y + \sqrt{(Y - 2 r_1 r_2)(Y + 2 r_1 r_2)})$ with $Y = r_1^2 + r_2^2 + d^2$, which does not cancel.

@@ -195,7 +195,7 @@ def energy_after_bounces(
     sampling: str = "lobe",
     beam: bool = False,
 ) -> Energy:
-    """The energy of light after each of `bounces` in an enclosure whose walls all have this BRDF.
+    """The energy of light after each of `bounces` in an enclosure whose walls all have the BRDF `brdf`.
 
     The light begins evenly on the walls, with the density (N.w)/pi, or, as a `beam`, along the normal. `key`: of jax.random;
     `sampling`: as for `trace`. `paths`, how many are followed, is rounded up to a multiple of 4096. After a bounce as many

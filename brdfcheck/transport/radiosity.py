@@ -22,7 +22,7 @@ _MOST_SHOTS = 3000  # times the number of patches
 
 
 def direct(enclosure: AbstractEnclosure, emission: Any, reflectance: Any) -> Solution:
-    """The radiosity by LU factorisation (lineax.LU).
+    """The radiosity of the patches of `enclosure` by LU factorisation (lineax.LU).
 
     `emission` (power per area) and `reflectance`: a number, or one for each patch. At a spectral radius of 1 or more it still
     returns the number that solves the linear system, with the status MEANINGLESS and the error inf.
@@ -47,8 +47,8 @@ def krylov(
 ) -> Solution:
     """The radiosity by conjugate gradients on the symmetric form (lineax.CG), to a relative `tolerance` of its residual.
 
-    Arguments, errors and what happens at a spectral radius of 1 or more as for `direct`; also ValueError for a tolerance
-    outside (0, 1) or steps below 1. float32 reaches about 1e-6.
+    `enclosure`, `emission`, `reflectance`, errors and what happens at a spectral radius of 1 or more as for `direct`; also
+    ValueError for a tolerance outside (0, 1) or `max_steps` below 1. float32 reaches about 1e-6.
     """
     steps = jnp.asarray(checked_count(max_steps, "max_steps"))
     return _krylov(problem(enclosure, emission, reflectance), jnp.asarray(checked_accuracy(tolerance, "tolerance")), steps)
@@ -92,7 +92,7 @@ def progressive(
 
     Ends when the unshot power is below `tolerance` times the emitted, or after `max_steps` shots (3,000 for each patch by
     default) (Cohen, Chen, Wallace & Greenberg 1988). Refuses at a spectral radius of 1 or more: value NaN, status DIVERGES.
-    ValueError as for `krylov`.
+    `enclosure`, `emission` and `reflectance` as for `direct`, ValueError as for `krylov`.
     """
     posed = problem(enclosure, emission, reflectance)
     steps = _MOST_SHOTS * posed.areas.size if max_steps is None else checked_count(max_steps, "max_steps")
@@ -138,7 +138,8 @@ def neumann_series(
     times the largest radiosity. Where the spectral radius, measured by power iteration, is 1 or more, no sum is reported: the
     value is NaN, the error inf, and the message gives the reason. The error is $\theta/(1-\theta)$ times the last term, in the
     norm in which K shrinks by $\theta$; for one reflectance rho never above $\rho^M/(1-\rho)$ times the largest emission.
-    ValueError for bad emissions and reflectances, counts below 1, or a tolerance outside (0, 1).
+    `enclosure`, `emission` and `reflectance` as for `direct`. ValueError for bad ones, for `terms` or `max_terms` below 1, and
+    for a tolerance outside (0, 1).
     """
     most = checked_count(max_terms, "max_terms") if terms is None else checked_count(terms, "terms")
     aim = checked_accuracy(tolerance, "tolerance") if terms is None else 0.0

@@ -82,13 +82,13 @@ class Radius(eqx.Module):
 
 
 class Solution(eqx.Module):
-    """The radiosity of each patch, (patches,), as one solver has it, in the unit of the emission.
+    """The radiosity of each patch, `value` (patches,), as one solver has it (`method`), in the unit of the emission.
 
-    `error`, (patches,): a bound on the distance to the solution of the discrete equation, the form factors' own error
-    included; for Monte Carlo one standard error; inf where there is nothing to be near to. That radiosity varies within a
-    patch is not part of it: refine the patches to see that. `residual`: max |E + K B - B|; for paths it holds their noise.
-    `cost`: products of a form factor with a radiosity (n^2 for a gathering bounce, n^3/3 for the direct solve); for paths
-    the rays. `steps`: bounces, iterations, shots, or paths. `radius`: bounds of the spectral radius.
+    `error`, (patches,): a bound on the distance to the solution of the discrete equation, the form factors' own error included;
+    for Monte Carlo one standard error; inf where there is nothing to be near to. That radiosity varies within a patch is not
+    part of it: refine the patches to see that. `residual`: max |E + K B - B|; for paths it holds their noise. `cost`: products
+    of a form factor with a radiosity (n^2 for a gathering bounce, n^3/3 for the direct solve); for paths the rays. `steps`:
+    bounces, iterations, shots, or paths. `radius`: bounds of the spectral radius. `code`: the number of `status`.
     """
 
     value: Float[Array, " patches"]

@@ -35,16 +35,17 @@ class Report:
     `albedo` +- `error` is the largest directional albedo, and `least` what it is at least; `parameters`, `cos_theta`, `azimuth`
     (radians) say where. `above`: where the family's single parameter makes it exceed 1 (None: not looked for). `side`:
     reciprocity, minimum, NaN/Inf (None where the BRDF could not be evaluated); `checks`: what each check beside the albedo
-    measured, and whether that passes. `findings`: defects, in words; `notes`: remarks.
+    measured, and whether that passes. `findings`: defects, in words; `notes`: remarks. `name` is the family's, `engine` that of
+    the rule, which made so many `evaluations` in `seconds`; `anisotropic`: the azimuth of incidence matters.
 
-    What the answer rests on: `basis` ("proof" where `brdfcheck.certify` proves the verdict, whatever the tolerance;
-    "theorem" where one holds, and `theorem` says which; else "search", or "single precision" for a search over values in
-    float32, whose rounding the error bar holds), `points` looked at, `climbs` begun, `settled` (the last scan found nothing
-    higher, and no climb was left unfinished that might yet cross 1), and `width`: the widest region that the search may have
-    missed, for each parameter as a part of its range, for "angle" and "azimuth" in degrees, and for "cell" as a part of all
-    ranges at once. `unbounded` says where the albedo grows without bound (`albedo` is then infinite). `channel`: of
-    `channels`, the one with the largest albedo (None: there is one only). `doubt`: of a measured table, what the samples leave
-    open and how much of the error bar that is (None for anything else).
+    What the answer rests on: `basis` ("proof" where `brdfcheck.certify` proves the verdict, whatever the tolerance; "theorem"
+    where one holds, and `theorem` says which; else "search", or "single precision" for a search over values in float32, whose
+    rounding the error bar holds), `effort`, `points` looked at, `climbs` begun, `settled` (the last scan found nothing higher,
+    and no climb was left unfinished that might yet cross 1), and `width`: the widest region that the search may have missed,
+    for each parameter as a part of its range, for "angle" and "azimuth" in degrees, and for "cell" as a part of all ranges at
+    once. `unbounded` says where the albedo grows without bound (`albedo` is then infinite). `channel`: of `channels`, the one
+    with the largest albedo (None: there is one only). `doubt`: of a measured table, what the samples leave open and how much of
+    the error bar that is (None for anything else).
 
     `known`: why what was found is accepted (None: it is not, or nothing was found); `stale`: more is accepted than was found.
     `unread`: the BRDF could not be read, so that nothing was checked; `findings` says why.
@@ -105,7 +106,7 @@ class Report:
 def judge(
     value: float, error: float, tolerance: float = TOLERANCE, *, least: float | None = None, settled: bool = True
 ) -> Verdict:
-    """The verdict on a largest albedo `value` +- `error`; NaN is UNDECIDED.
+    """The verdict on a largest albedo `value` +- `error`, which may lie above 1 by the `tolerance`; NaN is UNDECIDED.
 
     `least`: what the albedo is at least, where that is known better than by the error bar, which may hold places that are not
     resolved. A search that has not `settled` never conserves.
