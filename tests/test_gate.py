@@ -153,7 +153,7 @@ def test_4_with_one_line_for_what_is_wrong(run: Run, write: Write, text: str, sa
 
 def test_a_new_check_may_be_known(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write("brdfcheck.toml", '[[subjects]]\ntarget = "a.py:f"\nexpect = { findings = ["bright", "other"], reason = "x" }')
-    with pytest.raises(UsageError, match=r"must be one of 'reciprocal', .*, 'other'; got 'bright'"):
+    with pytest.raises(UsageError, match=r"must be one of 'reciprocal', .*, 'weight' or 'other'; got 'bright'"):
         config.read(path)
     monkeypatch.setitem(CHECKS, "bright", CHECKS["positive"])
     gate = config.read(path)

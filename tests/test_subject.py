@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from brdfcheck.brdf import catalog
 from brdfcheck.brdf.readers.python import load_module, load_object, split_spec
-from brdfcheck.brdf.subject import Target, as_target, catalog_target, named, resolve
+from brdfcheck.brdf.subject import Target, as_target, family_target, load, named, resolve
 from brdfcheck.fits.raw import of_exponent
 from brdfcheck.messages import UsageError, one_line
 
@@ -230,19 +231,41 @@ def test_parameters_are_checked_before_the_work(kinds: str, name: str, ranges: d
         one(f"{kinds}:{name}", **ranges)
 
 
+def test_a_batch_of_lobes_is_refused_in_one_line(write: Write) -> None:
+    """It ended as an internal error, and nothing else of the command was checked."""
+    path = write(
+        """
+        import jax.numpy as jnp
+        from brdfcheck import Phong
+        batched = Phong(jnp.array([1.0, 2.0]))
+        def dark(wi, wo):
+            return 0.1 + 0 * wi[..., 2]
+        """
+    )
+    with pytest.raises(UsageError, match="this lobe holds a batch of parameters of shape"):
+        as_target(f"{path}:batched")
+    dark, batched = resolve([f"{path}:dark", f"{path}:batched"], {}, None, others_go_on=True)
+    assert (dark.unread, batched.unread) == (False, True)
+
+
 # --- the catalogue, and both together ---
 
 
 def test_catalogue_names() -> None:
-    target = catalog_target("phong", {"n": (1.0, 2.0)}, (0.5, 1.0))
+    target = family_target(catalog.entry("phong").family, {"n": (1.0, 2.0)}, (0.5, 1.0))
     assert (target.family.ranges, target.family.cos_theta) == ({"n": (1.0, 2.0)}, (0.5, 1.0))
     for name, ranges, message in (
         ("fong", {}, "unknown BRDF 'fong'; did you mean phong"),
         ("phong", {"n": (-1.0, 2.0)}, "phong at n=-1: n must be finite and >= 0"),
         ("ggx", {"alpha": (0.0, 1.0)}, "alpha must be finite and > 0"),
     ):
-        with pytest.raises(UsageError, match=message):
-            catalog_target(name, ranges, None)
+        for given in (name, *([load(name)] if name in catalog.names() else [])):
+            with pytest.raises(UsageError, match=message):
+                as_target(given, ranges)
+    assert as_target(load("binomial-power-half"), {"k": (8.0, 8.0)}).family.held == {"k": 8}
+    for given in ("phong", load("phong")):
+        with pytest.raises(UsageError, match="phong has no parameter 'k'; its parameters: n"):
+            as_target(given, {"k": (1.0, 2.0)})
 
 
 @pytest.mark.parametrize("door", [as_target, lambda spec: named(spec, {}), lambda spec: of_exponent(spec, (1.0, 10.0))])
@@ -265,7 +288,7 @@ def test_where_one_brdf_is_asked_for_a_file_of_several_is_refused(write: Write, 
 
 def test_whole_numbers_of_a_lobe_are_those_that_it_is_built_from() -> None:
     """Lyon's k is 2^w."""
-    family = catalog_target("lyon-1-half", {"w": (3.0, 3.0)}, None).family
+    family = as_target("lyon-1-half", {"w": (3.0, 3.0)}).family
     assert family.held == {"w": 3}
     assert (family.build(n=5.0).core.w, family.build(n=5.0).core.k) == (3, 8)
     with pytest.raises(UsageError, match="lyon-1-half has no parameter 'k'; its parameters: n, w"):

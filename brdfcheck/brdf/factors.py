@@ -356,13 +356,13 @@ def has_engine(brdf: object) -> TypeGuard[AbstractBRDF]:
 
 
 def refuse_batched(brdf: Any) -> None:
-    """ValueError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
+    """UsageError where a lobe holds many exponents: it stands for many BRDFs, and says how to ask for them."""
     core = core_of(brdf)
     factor = getattr(brdf, "factor", None)
     numbers = [getattr(core, "n", None), getattr(core, "alpha", None), getattr(factor, "A", None), getattr(factor, "B", None)]
     shapes = [number.shape for number in numbers if number is not None and getattr(number, "ndim", 0)]
     if shapes:
-        raise ValueError(
+        raise UsageError(
             f"this lobe holds a batch of parameters of shape {shapes[0]}: use jax.vmap(albedo, (0, None))(lobe, cos_theta),"
             " or albedo_table"
         )

@@ -80,11 +80,16 @@ def _whole_fields(family: Family) -> list[str]:
     return [name for name, value in given.items() if type(value) is int]
 
 
-def returns_a_function(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
-    """True where two directions give a function: then it is a factory whose two parameters have no range yet."""
+def takes_directions(function: Callable[..., Any], parameters: Mapping[str, float]) -> bool:
+    """False for a factory, to which two directions are two parameters that have no range yet.
+
+    It returns a function of them, or they reach an argument that has its value already.
+    """
     import numpy as np
 
     try:
-        return callable(function(np.array([[0.6, 0.0, 0.8]]), np.array([[0.0, 0.6, 0.8]]), **parameters))
+        return not callable(function(np.array([[0.6, 0.0, 0.8]]), np.array([[0.0, 0.6, 0.8]]), **parameters))
+    except TypeError as error:
+        return "multiple values for argument" not in str(error)
     except (Exception, SystemExit):
-        return False
+        return True

@@ -27,7 +27,7 @@ from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
-from brdfcheck.brdf.signatures import arguments_of, returns_a_function, signature_of
+from brdfcheck.brdf.signatures import arguments_of, signature_of, takes_directions
 from brdfcheck.brdf.values import Range, Values, by_value
 from brdfcheck.messages import UsageError, one_line
 
@@ -117,11 +117,9 @@ def _of_object(value: Any, ranges: Mapping[str, Range], cos_theta: Range | None,
         what = OPTIONS if reading.for_shaders else "--returns"
         raise UsageError(f"{what}: a {type(value).__name__} has been read already; give the file, or the function")
     if isinstance(value, Family):
-        unknown = [name for name in ranges if name not in value.ranges]
-        if unknown:
-            raise UsageError(no_parameter(value.name, unknown[0], value.ranges))
-        angles = value.cos_theta if cos_theta is None else cos_theta
-        return Target(dataclasses.replace(value, ranges={**value.ranges, **ranges}, cos_theta=angles))
+        target = family_target(value, ranges, cos_theta)
+        refuse_unknown(value, value.name, ranges, target.family)
+        return target
     if isinstance(value, AbstractFile):
         return family_of(value, value.spec, ranges, cos_theta)
     if not callable(directional(value)):
@@ -161,6 +159,16 @@ def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
     """What is said of a parameter that a BRDF does not have."""
     names = ", ".join(key for key in known if key not in DIRECTIONS) or "none"
     return f"{name} has no parameter {parameter!r}; its parameters: {names}"
+
+
+def refuse_unknown(value: Any, name: str, ranges: Mapping[str, Range], family: Family) -> None:
+    """UsageError where one of the ranges is for nothing that `family`, made of `value`, has."""
+    for parameter in ranges:
+        if parameter not in {**family.ranges, **family.held}:
+            known = signature_of(value)
+            if parameter in known.whole:
+                raise not_whole(name, parameter, ranges[parameter])
+            raise UsageError(no_parameter(name, parameter, known.names))
 
 
 def family_of(
@@ -208,10 +216,9 @@ def family_of(
     is_function = not inspect.isclass(value) and signature.open and not signature.names and not ranges
     if not is_function and not inspect.isclass(value) and len(missing) >= 2:
         named_so = all(name.lower() in DIRECTIONS for name in missing[:2])
-        first = missing == list(signature.names[:2])  # which is where directions go
-        if len(missing) == 2 and first and not set(missing) & _PARAMETERS and not any(map(is_number, missing)):
+        if len(missing) == 2 and not set(missing) & _PARAMETERS and not any(map(is_number, missing)):
             middle = {name: (low + high) / 2 for name, (low, high) in swept.items()}
-            is_function = named_so or not returns_a_function(value, {**middle, **held})
+            is_function = named_so or takes_directions(value, {**middle, **held})
         elif named_so:
             missing = missing[2:]
     if (
@@ -285,17 +292,15 @@ def _refusal(family: Family, *, user: bool) -> str | None:
     return f"{family.build.__name__}({shown}) raised {told(error)}"
 
 
-def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
-    """A catalogue entry with the given ranges in place of its own. UsageError for a name it does not have.
+def family_target(family: Family, ranges: Mapping[str, Range], cos_theta: Range | None) -> Target:
+    """A family, as one of the catalogue, with the given ranges in place of its own. UsageError where its lobe refuses them.
 
     A whole number (a range of no length) may be given to one in the lobe: the k of the binomial power. What belongs to neither
     is left to other BRDFs of the command.
     """
-    from brdfcheck.brdf import catalog
     from brdfcheck.brdf.family import interval
     from brdfcheck.brdf.two_sides import BELOW, checked_sides
 
-    family = catalog.entry(name).family
     known = {parameter: bounds for parameter, bounds in ranges.items() if parameter in family.ranges}
     others = {parameter: interval(parameter, bounds) for parameter, bounds in ranges.items() if parameter not in known}
     whole = signature_of(family).whole if others else ()
@@ -306,12 +311,12 @@ def catalog_target(name: str, ranges: Mapping[str, Range], cos_theta: Range | No
         return brdf.with_core(type(brdf.core)(**arguments_of(brdf.core) | held))
 
     if BELOW in known and BELOW in family.switches:
-        checked_sides(name, known[BELOW])
-    changed: dict[str, Any] = {"build": build if held else family.build, "ranges": {**family.ranges, **known}, "held": held}
-    target = Target(dataclasses.replace(family, cos_theta=family.cos_theta if cos_theta is None else cos_theta, **changed))
-    if known or held:
-        _refusal(target.family, user=False)
-    return target
+        checked_sides(family.name, known[BELOW])
+    changed: dict[str, Any] = {"ranges": {**family.ranges, **known}, "held": {**family.held, **held}}
+    if cos_theta is not None:
+        changed["cos_theta"] = cos_theta
+    made = dataclasses.replace(family, build=build if held else family.build, **changed)
+    return Target(made, _refusal(made, user=True) if known or held else None)
 
 
 def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = None) -> tuple[Any, str]:
@@ -420,7 +425,7 @@ def _resolve(
         with unread.noted(name):
             value, spec = named(name, modules, reading)
             if isinstance(value, Family):
-                targets[name] = catalog_target(name, ranges, cos_theta)
+                targets[name] = family_target(value, ranges, cos_theta)
                 known_ranges |= {*targets[name].family.ranges, *targets[name].family.held}
             else:
                 waiting.append((name, value, spec))
@@ -438,10 +443,7 @@ def _resolve(
     for parameter in ranges:
         if whole and not waiting and parameter not in known_ranges:
             if len(names) == 1:
-                known = signature_of(named(names[0], modules)[0])
-                if parameter in known.whole:
-                    raise not_whole(names[0], parameter, ranges[parameter])
-                raise UsageError(no_parameter(names[0], parameter, known.names))
+                refuse_unknown(named(names[0], modules)[0], names[0], ranges, targets[names[0]].family)
             known = ", ".join(sorted(known_ranges)) or "none"
             raise UsageError(f"none of the BRDFs has a parameter {parameter!r}; their parameters: {known}")
     return [unread_target(name, unread[name]) if name in unread else targets[name] for name in names]

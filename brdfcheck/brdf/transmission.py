@@ -99,11 +99,15 @@ class LambertTransmission(AbstractBSDF):
 
 
 class _Lit(AbstractBRDF):
-    """A `part` of what a surface sends out of light from one side."""
+    """A `part` of what a surface sends out of light from one side.
+
+    `folded`: it has the energy of what transmits, lit from wi, and owes no reciprocity.
+    """
 
     surface: Any
     below: Float[Array, ""]
     part: Part = eqx.field(static=True)
+    folded: ClassVar[bool] = True
 
     @property
     def bounded(self) -> bool:

@@ -69,7 +69,7 @@ class FactorFit:
     `smallest_n`. `history`: the steps of the fit. `report`: the verdict of `check`. `remark`: why the factor wastes much of the
     light; empty where it does not. `fitted` is the factor before it was certified, `family` the family with the factor on it.
     `proved`: a factor of 10 digits beside it whose albedo is proved to be at most 1; None where the proofs do not know the
-    lobe.
+    lobe. `constant`: there is no exponent, and the factor is the one at n = 1.
     """
 
     name: str
@@ -88,6 +88,7 @@ class FactorFit:
     report: Report
     remark: str
     proved: Factor | None = None
+    constant: bool = False
 
     @property
     def verdict(self) -> Verdict:
@@ -354,6 +355,7 @@ def _result(
         report=report,
         remark=_remark(raw, found, best_of_its_form) if smallest < _WASTEFUL else "",
         proved=proved_factor(raw, factor),
+        constant=raw.constant,
         **found,
     )
 
@@ -362,15 +364,16 @@ def _remark(raw: RawAlbedo, fit: dict[str, Any], best_of_its_form: bool) -> str:
     """Why a factor wastes: an angle or a growth of the raw albedo that no factor of this form can follow."""
     smallest, where, at = fit["smallest"], fit["smallest_n"], fit["at"]
     best = "even the best factor of this form" if best_of_its_form else "this factor"
-    text = f"{best} reflects only {smallest:.4g} of the light at n={where:.5g}"
-    worst = np.array([at["n"]])
+    text = f"{best} reflects only {smallest:.4g} of the light{'' if raw.constant else f' at n={where:.5g}'}"
+    place = at["n"]
+    worst = np.array([place])
     normal = float(raw(worst)[0])
     tilted = float(raw.at(worst, np.array([at["cos_theta"]]))[0])
     if tilted > 1.5 * normal:
         angle = math.degrees(math.acos(at["cos_theta"]))
         return (
             f"{text}: at {angle:.4g} degrees the lobe reflects {tilted / normal:.4g} times what it reflects at normal incidence"
-            f" (n={at['n']:.5g}), and a factor of n alone cannot level angles"
+            f"{'' if raw.constant else f' (n={place:.5g})'}, and a factor of n alone cannot level angles"
         )
     if raw.constant:
         return text

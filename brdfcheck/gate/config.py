@@ -41,7 +41,7 @@ from brdfcheck.brdf.values import Range, Values, components
 from brdfcheck.documents import Model, read_document, read_text, shown, validated
 from brdfcheck.gate.requests import Request
 from brdfcheck.messages import UsageError
-from brdfcheck.verdict.checks import CHECKS
+from brdfcheck.verdict.checks import CHECKS, TOLD
 
 OWN, SHARED = "brdfcheck.toml", "pyproject.toml"
 """Where the subjects of a project are looked for, in this order."""
@@ -62,11 +62,11 @@ OTHER = "other"
 """What a finding is called that comes from no check by name."""
 
 
-def _finding(name: str) -> str:
-    """The name, if it is that of a check or `OTHER`."""
-    names = (*CHECKS, OTHER)
+def _finding(name: Any) -> Any:
+    """The name, if it is that of a check that can fail, or `OTHER`."""
+    names = [*(check for check in CHECKS if check not in TOLD), OTHER]
     if name not in names:
-        raise ValueError(f"must be one of {', '.join(map(repr, names))}")
+        raise ValueError(f"must be one of {', '.join(map(repr, names[:-1]))} or {OTHER!r}")
     return name
 
 
@@ -85,7 +85,7 @@ class Known(Model):
 
     violates: float | None = Field(None, gt=1, allow_inf_nan=True)
     undecided: bool = False
-    findings: list[Annotated[str, AfterValidator(_finding)]] = []  # noqa: RUF012 - pydantic copies it
+    findings: list[Annotated[str, BeforeValidator(_finding)]] = []  # noqa: RUF012 - pydantic copies it
     reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 
     @model_validator(mode="after")

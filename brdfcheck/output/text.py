@@ -116,16 +116,15 @@ def columns(rows: Sequence[Sequence[str]], right: Container[int] = ()) -> list[s
 
 def fit_lines(fit: FactorFit) -> list[str]:
     """A fit: the factor, constants to copy, the largest and the smallest albedo, the verdict, and what there is to remark."""
-    report = fit.report
-    constant = _constant(fit)
-    if constant is not None:
+    report, factor = fit.report, fit.factor
+    if fit.constant:
         report = replace(report, parameters={name: value for name, value in report.parameters.items() if name != "n"})
     sampled = "" if fit.objective == "minimax" else f", {fit.sampling} sampling"
     low, high = map(words.exact, fit.n)
     over = f"{fit.objective}{sampled} over n={low}:{high}"
-    told = (
-        f"factor {describe(fit.factor, 10)}  ({over})" if constant is None else f"constant {constant:.10g}  ({fit.objective})"
-    )
+    told = f"factor {describe(factor, 10)}  ({over})"
+    if fit.constant:
+        told = f"constant {1 / float(factor.B):.10g}  ({fit.objective})"  # pyright: ignore[reportAttributeAccessIssue]
     lines = [
         f"{fit.name}  {told}",
         f"  to copy   {_copied(fit)}",
@@ -142,7 +141,7 @@ def fit_lines(fit: FactorFit) -> list[str]:
     smallest = f"{fit.smallest:.10f}" if fit.smallest >= 1e-4 else f"{fit.smallest:.5g}"
     lines += [
         f"  largest   albedo {words.albedo_text(report)}  at {words.place_text(report)}",
-        f"  smallest  albedo {smallest}  at {f'n={fit.smallest_n:.6g}, ' if constant is None else ''}normal incidence",
+        f"  smallest  albedo {smallest}  at {f'n={fit.smallest_n:.6g}, ' if not fit.constant else ''}normal incidence",
         f"  verdict   {report.verdict.name} over all angles (tolerance {words.exact(report.tolerance)})",
     ]
     if fit.remark:
@@ -150,20 +149,13 @@ def fit_lines(fit: FactorFit) -> list[str]:
     return [*lines, *(f"  {line}" for line in remark_lines([report]))]
 
 
-def _constant(fit: FactorFit) -> float | None:
-    """The factor of what has no exponent, which is that at n = 1; None for any other."""
-    factor: Any = fit.factor
-    return 1 / float(factor.B) if fit.n == (1, 1) and getattr(factor, "A", None) == 0 else None
-
-
 def _copied(fit: FactorFit) -> str:
     """Constants with few digits that still conserve: the factor falls with B and rises with A; where B < 0, the reverse."""
     a, b = float(fit.factor.A), float(fit.factor.B)  # pyright: ignore[reportAttributeAccessIssue]
-    constant = _constant(fit)
-    if constant is not None or a > 1e5 * max(fit.n[1], 1):
+    if fit.constant or a > 1e5 * max(fit.n[1], 1):
         value = (fit.n[0] + a) / b
         step = 10.0 ** (math.floor(math.log10(value)) - 4)
-        why = "" if constant is not None else "; n makes no difference"
+        why = "" if fit.constant else "; n makes no difference"
         return f"the constant {math.floor(value / step + 1e-9) * step:.5g}  (rounded to the safe side{why})"
     # Of n + A so many digits are kept at the end of the range where it is smallest.
     least = -a - fit.n[1] if b < 0 else a + fit.n[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import jax
@@ -22,31 +21,44 @@ class Members:
 
     def __init__(self, family: Family):
         self._build, self._names = family.build, tuple(family.ranges)
+        # By the precision of JAX, in which constants are.
+        self._wires: dict[Any, tuple[Any, list[tuple[int | None, Any]]] | None] = {}
 
     def __call__(self, parameters: np.ndarray) -> Any:
-        if self._wires is None:
+        count = len(parameters)
+
+        def repeated(value: Any) -> np.ndarray:
+            return np.broadcast_to(value, (count, *np.shape(value)))
+
+        if not self._names:
+            return jax.tree.map(repeated, self._build())
+        precision = jnp.zeros((), float).dtype
+        if precision not in self._wires:
+            self._wires[precision] = self._traced()
+        found = self._wires[precision]
+        if found is None:
             columns = {name: parameters[:, i] for i, name in enumerate(self._names)}
             return jax.tree.map(np.asarray, jax.vmap(lambda values: self._build(**values))(columns))
-        structure, wires = self._wires
-        leaves = [
-            parameters[:, wire].astype(kind.dtype)
-            if isinstance(wire, int)
-            else np.broadcast_to(wire, (len(parameters), *kind.shape))
-            for wire, kind in wires
-        ]
+        structure, wires = found
+        leaves = [repeated(value) if column is None else parameters[:, column] for column, value in wires]
         return jax.tree.unflatten(structure, leaves)
 
-    @functools.cached_property
-    def _wires(self) -> tuple[Any, list[tuple[Any, Any]]] | None:
-        """The structure of a member; which parameter, or else which value, each of its numbers is, and the type of that.
-
-        None where a number is computed from the parameters.
-        """
+    def _traced(self) -> tuple[Any, list[tuple[int | None, Any]]] | None:
+        """The structure of a member, and which parameter each of its numbers is, or its value; None where one is computed."""
         scalars = [jnp.zeros((), float)] * len(self._names)
         program, shape = jax.make_jaxpr(
             lambda *values: self._build(**dict(zip(self._names, values, strict=True))), return_shape=True
         )(*scalars)
-        given: dict[Any, Any] = dict(zip(program.jaxpr.constvars, map(np.asarray, program.consts), strict=True))
-        given |= {variable: i for i, variable in enumerate(program.jaxpr.invars)}
-        wires = [(part.val if isinstance(part, Literal) else given.get(part), part.aval) for part in program.jaxpr.outvars]
-        return None if any(wire is None for wire, _ in wires) else (jax.tree.structure(shape), wires)
+        constants: dict[Any, Any] = dict(zip(program.jaxpr.constvars, program.consts, strict=True))
+        columns: dict[Any, int] = {variable: i for i, variable in enumerate(program.jaxpr.invars)}
+        wires: list[tuple[int | None, Any]] = []
+        for part in program.jaxpr.outvars:
+            if isinstance(part, Literal):
+                wires.append((None, np.asarray(part.val, part.aval.dtype)))  # pyright: ignore[reportAttributeAccessIssue]
+            elif part in constants:
+                wires.append((None, np.asarray(constants[part])))
+            elif part in columns:
+                wires.append((columns[part], None))
+            else:
+                return None
+        return jax.tree.structure(shape), wires

@@ -94,13 +94,18 @@ def directional_albedo(
             light, jacobian = lobe.directions(node.versine[:, None] / 2 / (1 + up), azimuth)
             useful, weight = jacobian > 0, weight * jacobian / (4 * up)
         light = jnp.where(useful[..., None], light, jnp.array([0, 0, 1], mu.dtype))
-        value = brdf(light, jnp.broadcast_to(lobe.wi, light.shape))
+        value = _seen(brdf, light, jnp.broadcast_to(lobe.wi, light.shape))
         value = _times_fresnel(value, light, lobe.wi, fresnel, tint)
         weight = jnp.where(useful, weight * light[..., 2], 0)
         return jnp.sum(value * (weight[..., None] if value.ndim > weight.ndim else weight), axis=(0, 1))
 
     nodes = 3 * around * sum(polar[:2]) * jax.eval_shape(core.breaks, *([cosine.reshape(-1)[0]] if facets else [])).size
     return _at_each(pixel, (cosine,), nodes)
+
+
+def _seen(brdf: AbstractBRDF, light: Array, view: Array) -> Array:
+    """f(light, view); of what has the energy of a BSDF lit from one side, what becomes of light from the view."""
+    return brdf(view, light) if getattr(brdf, "folded", False) else brdf(light, view)
 
 
 def _times_fresnel(value: Array, light: Array, view: Array, fresnel: str, tint: Any) -> Array:
@@ -123,8 +128,7 @@ def _of_any(brdf: AbstractBRDF, cosine: Array, fresnel: str, tint: Any, turn: Ar
                 jnp.stack([c * one[..., 0] - s * one[..., 1], s * one[..., 0] + c * one[..., 1], one[..., 2]], axis=-1)
                 for one in (light, view)
             )
-            pair = (view, light) if getattr(brdf, "folded", False) else (light, view)
-            return _times_fresnel(brdf(*pair), light, view, fresnel, tint)
+            return _times_fresnel(_seen(brdf, light, view), light, view, fresnel, tint)
 
         return rule.seen(gathered, jnp.stack([sine, 0 * mu, mu]), None).value
 

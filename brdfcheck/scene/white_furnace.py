@@ -189,7 +189,7 @@ def furnace_validated(canvas: Canvas) -> Image:
     tiles, labels = [], []
     for entry in catalog.entries():
         if entry.validated:
-            values = {name: _USUAL[name] for name in entry.family.ranges}
+            values = {name: _USUAL.get(name, sum(bounds) / 2) for name, bounds in entry.family.ranges.items()}
             tiles.append(_furnace_pair(canvas, entry.name, values))
             labels.append(f"{entry.name}, {_numbers(values)}")
     half = -(-len(tiles) // 2)

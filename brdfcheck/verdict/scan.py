@@ -97,7 +97,7 @@ class Scan:
         self._count = int(_POINTS[min(swept + surface.albedo.anisotropic, 3)] * scale)
         if surface.fast:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
-        if self._count > _FEW:
+        if self._count > _FEW and swept + surface.albedo.anisotropic:
             _prepare()
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
         box = surface.box
