@@ -162,7 +162,7 @@ def write_gallery(reports: Path) -> Path:
         if not isinstance(record, dict) or "study" not in record:
             continue
         name = path.parent.name
-        minutes += record["summary"].get("seconds", 0) * record["summary"].get("cores", 1) / 60
+        minutes += _core_seconds(record) / 60
         small = "" if record["settings"].get("size") == "full" else " (small size)"
         answer = record["answer"]
         parts += ["", f"## {record['question']}{small}", "", answer[:1].upper() + answer[1:], ""]
@@ -208,16 +208,21 @@ from brdfcheck.studies import make
 make(*sys.argv[1:])"""
     commands = {study.name: (sys.executable, "-c", program, str(study.path), size, str(reports)) for study in chosen}
     alone = [study.name for study in chosen if study.alone]
-    others = sorted((study for study in chosen if not study.alone), key=_seconds, reverse=True)
+    others = sorted((study for study in chosen if not study.alone), key=_work, reverse=True)
     yield from processes.run_all({name: commands[name] for name in alone}, side_by_side=False)
     yield from processes.run_all({study.name: commands[study.name] for study in others}, side_by_side=True)
 
 
-def _seconds(study: Study) -> float:
-    """What the study took for the report in the repository; 0 where there is none."""
+def _core_seconds(record: Mapping[str, Any]) -> float:
+    """What a study took for its report, counted for each core that it had; 0 where that is not known."""
+    return float(record["summary"].get("seconds", 0) * record["summary"].get("cores", 1))
+
+
+def _work(study: Study) -> float:
+    """That of the report in the repository; 0 where there is none."""
     try:
         record = json.loads((study.path.parent.parent / "reports" / study.name / "record.json").read_text(encoding="utf-8"))
-        return float(record["summary"]["seconds"])
+        return _core_seconds(record)
     except (OSError, ValueError, KeyError, TypeError):
         return 0.0
 

@@ -103,7 +103,7 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["mine.py:dull", "--seconds", "0"], "mine.py:dull is no formula that certify knows; it knows Lambert"),
+        (["mine.py:dull", "--seconds", "0"], "certify has no exact proof for mine.py:dull; it has proofs for Lambert"),
         (["mine.py:middle"], "of whole numbers that depend on directions or parameters is not covered by the arithmetic"),
         (["mine.py:slow"], "mine.py:slow cannot be traced by JAX, and certify proves what can be"),
         (["mine.py:bright", "--over", "k=1:inf"], "mine.py:bright: for a proof of a function the range of k must be finite"),

@@ -162,7 +162,7 @@ def test_show_opens_a_window_and_writes_nothing(run: Run, here: Path, monkeypatc
         (("albedo-vs-angle", "mine.py:raises"), "RuntimeError: boom"),
         (("albedo-vs-n", "mine.json"), "not JSON"),
         (("albedo-vs-n", "plain.txt"), "not JSON"),
-        (("albedo-vs-n", "bytes.json"), "it is no text"),
+        (("albedo-vs-n", "bytes.json"), "it is not a text file"),
         (("albedo-vs-n", "list.json"), "not a record of brdfcheck, but a JSON list"),
     ],
 )

@@ -104,7 +104,7 @@ def test_the_command_line_says_it_in_one_line(here: Path, run: Run) -> None:
     (here / "folder.bsdf").mkdir()
     os.mkfifo(here / "pipe.binary")
     for name, words in (
-        ("bad.binary", "is no MERL file"),
+        ("bad.binary", "is not a MERL file"),
         ("nowhere.bsdf", "there is no file"),
         ("folder.bsdf", "is a folder"),
         ("pipe.binary", "is no ordinary file"),

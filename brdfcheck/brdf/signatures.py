@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from brdfcheck.brdf.calling import directional
+from brdfcheck.brdf.calling import DIRECTIONS, directional
 from brdfcheck.brdf.readers.base import AbstractFile
 
 if TYPE_CHECKING:
@@ -57,6 +57,15 @@ def signature_of(value: Any, ranged: Collection[str] = ()) -> Signature:
         frozenset(parameter.name for parameter in named if isinstance(parameter.default, (str, bool))),
         len(named) < len(parameters),
     )
+
+
+def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
+    """What is said of a parameter that a BRDF does not have."""
+    known, (whole, _, component) = tuple(known), parameter.rpartition(".")
+    if component and whole in known:
+        return f"{name}: {whole} is a number: give one, or a range LO:HI, and no list"
+    names = ", ".join(key for key in known if key not in DIRECTIONS) or "none"
+    return f"{name} has no parameter {parameter!r}; its parameters: {names}"
 
 
 def arguments_of(core: Any) -> dict[str, Any]:

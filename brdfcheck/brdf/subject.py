@@ -27,7 +27,7 @@ from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
-from brdfcheck.brdf.signatures import arguments_of, signature_of, takes_directions
+from brdfcheck.brdf.signatures import arguments_of, no_parameter, signature_of, takes_directions
 from brdfcheck.brdf.values import Range, Values, by_value
 from brdfcheck.messages import UsageError, one_line
 
@@ -153,12 +153,6 @@ def load(
     roles = args.split(",") if isinstance(args, str) and args else args
     words = {name: str(text) for name, text in (defines or {}).items()}
     return as_target(value, ranges, cos_theta, Reading(words, tuple(map(str, folders)), tuple(roles), returns)).family
-
-
-def no_parameter(name: str, parameter: str, known: Iterable[str]) -> str:
-    """What is said of a parameter that a BRDF does not have."""
-    names = ", ".join(key for key in known if key not in DIRECTIONS) or "none"
-    return f"{name} has no parameter {parameter!r}; its parameters: {names}"
 
 
 def refuse_unknown(value: Any, name: str, ranges: Mapping[str, Range], family: Family) -> None:

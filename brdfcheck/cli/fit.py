@@ -49,8 +49,8 @@ Exports, of the albedo with the fitted factor over n and cos theta:
 \b
 Exit codes:
   0  the fitted BRDF conserves energy        3  internal error
-  1  it does not, or cannot be evaluated     4  usage error
-  2  interrupted""",
+  1  it does not                             4  usage error, or it cannot be
+  2  interrupted                                evaluated""",
 )
 def _fit(
     name: Annotated[

@@ -35,7 +35,7 @@ Examples:
 
 Writes FOLDER/NAME/ (record.json, figure.png, figure.svg, summary.md) and the gallery
 FOLDER/README.md. At full size most studies take less than two minutes on two cores, the longest
-three, and all of them together about 16: each runs in a process of its own, several side by
+three, and all of them together about 15: each runs in a process of its own, several side by
 side unless they measure times.""",
 )
 def _study(

@@ -76,7 +76,7 @@ def _record(path: str) -> dict[str, Any]:
     except FileNotFoundError:
         raise UsageError(f"there is no file {path!r}") from None
     except (OSError, ValueError) as error:
-        raise UsageError(f"cannot read {path!r}: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+        raise UsageError(f"cannot read {path!r}: {getattr(error, 'strerror', None) or 'it is not a text file'}") from None
     try:
         record = json.loads(text)
     except ValueError as error:

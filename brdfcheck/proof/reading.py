@@ -68,7 +68,7 @@ def built(family: Family) -> Any:
 
     def fields(brdf: Any) -> list[Any]:
         if not isinstance(brdf, AbstractBRDF) or not isinstance(brdf.core, AbstractBRDF):
-            raise Unknown(f"{family.name} is no formula that certify knows; it knows {_KNOWN}")
+            raise Unknown(f"certify has no exact proof for {family.name}; it has proofs for {_KNOWN}")
         return [getattr(brdf.core, name, 0.0) for name in names]
 
     try:

@@ -20,8 +20,8 @@ from brdfcheck.brdf.family import Family, NoRange
 from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.specs import PREFIXES, is_file_spec, split_spec
 from brdfcheck.brdf.readers.table import beside
-from brdfcheck.brdf.signatures import Signature, signature_of
-from brdfcheck.brdf.subject import as_target, family_of, named, no_parameter
+from brdfcheck.brdf.signatures import Signature, no_parameter, signature_of
+from brdfcheck.brdf.subject import as_target, family_of, named
 from brdfcheck.messages import UsageError
 from brdfcheck.runtime import double_precision
 

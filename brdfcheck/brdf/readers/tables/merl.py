@@ -93,11 +93,11 @@ class MerlFile(AbstractTableFile):
 
     def read(self, data: np.ndarray) -> Merl:
         if len(data) < _HEADER:
-            raise mistake(self.path, f"is no MERL file: {len(data)} bytes, shorter than the header of {_HEADER}")
+            raise mistake(self.path, f"is not a MERL file: {len(data)} bytes, shorter than the header of {_HEADER}")
         found = tuple(int(size) for size in data[:_HEADER].view("<i4"))
         if found != SHAPE:
             shown, asked = (" x ".join(map(str, sizes)) for sizes in (found, SHAPE))
-            raise mistake(self.path, f"is no MERL file: it begins with the dimensions {shown}; a MERL file has {asked}")
+            raise mistake(self.path, f"is not a MERL file: it begins with the dimensions {shown}; a MERL file has {asked}")
         wanted = _HEADER + 3 * 8 * math.prod(SHAPE)
         if len(data) != wanted:
             what = "truncated" if len(data) < wanted else "too long"
