@@ -19,6 +19,7 @@ from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.lights import Ambient, Distant, Environment, Point, Polygon, Spot
 from brdfcheck.scene.materials import Surface, Term
 from brdfcheck.scene.shading import shade
+from brdfcheck.scene.white_furnace import furnace_largest
 
 PUBLISHED = [entry.name for entry in catalog.entries() if not entry.validated]
 
@@ -303,6 +304,15 @@ def test_the_sharpest_of_what_is_accepted_is_finite_in_single_precision():
 
 def test_a_class_of_the_package_is_known_by_its_name():
     assert Term("BlinnPhong", n=3).brdf == Term(BlinnPhong(3.0)).brdf
+
+
+def test_whole_numbers_of_a_lobe_are_taken_as_check_takes_them():
+    term = Term("lyon-1-half", n=5, w=3)
+    assert (term.brdf.core.w, float(term.brdf.core.n)) == (3, 5)
+    with pytest.raises(ValueError, match="lyon-1-half has no parameter 'k'"):
+        Term("lyon-1-half", n=5, k=8)
+    with pytest.raises(ValueError, match="phong: the parameter n must be given as a number"):
+        furnace_largest("phong", {})
 
 
 @pytest.mark.parametrize(

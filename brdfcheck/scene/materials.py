@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, final
 
 import equinox as eqx
@@ -19,6 +19,7 @@ from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.brdf.calling import name_of
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.signatures import signature_of
 from brdfcheck.brdf.subject import refuse_reading
 from brdfcheck.brdf.transmission import AbstractSmooth, LambertTransmission
 from brdfcheck.brdf.two_sides import BELOW
@@ -57,7 +58,7 @@ class Term(eqx.Module):
         reflectance = fresnel != "none"
         self.tint = color_of(tint, "the Fresnel reflectance" if reflectance else "tint", 1 if reflectance else np.inf)
         self.fresnel, self.name, self.within = fresnel, "", False
-        if isinstance(brdf, str) and brdf in catalog.names():
+        if isinstance(brdf, str) and brdf in catalog.names() and not _whole(brdf, parameters):
             if reading is not None:
                 refuse_reading(reading, {brdf: None})
             self.name, family = brdf, catalog.entry(brdf).family
@@ -191,6 +192,13 @@ class Surface(AbstractMaterial):
                         f" has {type(term.brdf.core).__name__}: a light that is matt_only reaches the matt terms alone"
                     )
         return total
+
+
+def _whole(name: str, parameters: Mapping[str, Any]) -> bool:
+    """True where whole numbers of a lobe are given, such as the k of the binomial power: it is another family then."""
+    family = catalog.entry(name).family
+    others = parameters.keys() - family.ranges.keys()
+    return bool(others) and others <= signature_of(family).whole
 
 
 def _surrounded(term: Term, place: Place) -> Float[Array, "..."]:

@@ -84,7 +84,7 @@ def _alike(brdf: Any) -> Any:
 
 def _member(name: str, parameters: Mapping[str, Any]) -> Any:
     """Of the catalogue, whose parameters may be colours, or any other name that `brdfcheck.check` takes."""
-    if name in catalog.names():
+    if name in catalog.names() and parameters.keys() == catalog.entry(name).family.ranges.keys():
         return catalog.entry(name).family.build(**parameters)
     return brdf_of(name, parameters, furnace=True)
 
