@@ -117,13 +117,11 @@ def columns(rows: Sequence[Sequence[str]], right: Container[int] = ()) -> list[s
 def fit_lines(fit: FactorFit) -> list[str]:
     """A fit: the factor, constants to copy, the largest and the smallest albedo, the verdict, and what there is to remark."""
     report, factor = fit.report, fit.factor
-    if fit.constant:
-        report = replace(report, parameters={name: value for name, value in report.parameters.items() if name != "n"})
     sampled = "" if fit.objective == "minimax" else f", {fit.sampling} sampling"
     low, high = map(words.exact, fit.n)
-    over = f"{fit.objective}{sampled} over n={low}:{high}"
-    told = f"factor {describe(factor, 10)}  ({over})"
+    told = f"factor {describe(factor, 10)}  ({fit.objective}{sampled} over n={low}:{high})"
     if fit.constant:
+        report = replace(report, parameters={name: value for name, value in report.parameters.items() if name != "n"})
         told = f"constant {1 / float(factor.B):.10g}  ({fit.objective})"  # pyright: ignore[reportAttributeAccessIssue]
     lines = [
         f"{fit.name}  {told}",
