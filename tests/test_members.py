@@ -13,9 +13,9 @@ import pytest
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import AbstractFactor, Factor, Normalized
 from brdfcheck.brdf.family import Family
-from brdfcheck.brdf.lobes import Phong
+from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import GGX
-from brdfcheck.quadrature.members import Members
+from brdfcheck.quadrature.members import Members, OtherKind
 from brdfcheck.verdict import Verdict, check
 
 POINTS = np.array([[3.0, 0.25], [7.0, 0.5], [11.0, 0.75]])
@@ -85,3 +85,83 @@ def test_a_whole_number_in_a_factor_is_no_parameter(shift: int) -> None:
     largest = max((n + shift) / (n + 2) for n in (1, 100))
     assert report.albedo == pytest.approx(largest, abs=1e-9)
     assert report.verdict is (Verdict.CONSERVES if shift <= 2 else Verdict.VIOLATES)
+
+
+# --- factories that need numbers ---
+
+
+def checked(n: float, factor: Any = None) -> Normalized:
+    """What refuses values in Python, which JAX cannot trace."""
+    if n < 0:
+        raise ValueError("n must be positive")
+    return Normalized(Phong(n), Factor(2.0, 2 * np.pi) if factor is None else factor)
+
+
+def two_kinds(n: float) -> Normalized:
+    return Normalized((BlinnPhong if n > 50 else Phong)(n), Factor(2.0, 2 * np.pi))
+
+
+def narrow_kind(n: float) -> Any:
+    return Lambert(1.5) if 50 < n < 50.05 else checked(n)
+
+
+def test_members_of_a_factory_that_needs_numbers_are_built_one_by_one() -> None:
+    members = Members(Family("x", checked, {"n": (1.0, 100.0)}))
+    found = members(POINTS[[2, 0, 2], :1])
+    assert not members.traced
+    assert np.array_equal(found.lobe.n, [11, 3, 11])
+    assert members.kind is not None
+    assert jax.tree.structure(found) == jax.tree.structure(members.kind)
+
+
+def test_a_factory_that_needs_numbers_is_checked_by_the_engine_of_its_lobe() -> None:
+    report = check(checked, n=(1, 100))
+    assert (report.engine, report.verdict, report.basis) == ("zonal", Verdict.CONSERVES, "search")
+    assert report.albedo == pytest.approx(1, abs=1e-12)
+    assert report.error < 1e-12
+
+
+def test_no_theorem_is_taken_from_a_member_for_others() -> None:
+    """A Python factory may hold other numbers elsewhere: no single one of its members tells that none is above 1."""
+
+    def build(alpha: float) -> GGX:
+        return GGX(float(alpha))
+
+    assert check(build, alpha=(0.1, 1)).basis == "search"
+    assert check(lambda alpha: GGX(alpha), alpha=(0.1, 1)).basis != "search"
+
+
+def test_a_jump_in_a_factory_that_needs_numbers_is_found() -> None:
+    report = check(lambda n: checked(n, Factor(2.1 if 50 < n < 50.3 else 2.0, 2 * np.pi)), n=(1, 100))
+    assert report.verdict is Verdict.VIOLATES
+    assert report.albedo - report.error <= 52.1 / 52 <= report.albedo + report.error
+    assert report.above == ((pytest.approx(50, abs=1e-4), pytest.approx(50.3, abs=1e-4)),)
+
+
+def test_a_factory_that_raises_somewhere_is_a_finding() -> None:
+    def build(n: float) -> Normalized:
+        return checked(-1 if 50 < n < 50.3 else n)
+
+    report = check(build, n=(1, 100))
+    assert report.verdict is Verdict.UNDECIDED
+    assert "ValueError: n must be positive" in report.findings[0]
+    assert "build(n=50." in report.findings[0]
+
+
+def test_a_factory_of_two_kinds_is_a_function() -> None:
+    members = Members(Family("x", two_kinds, {"n": (1.0, 100.0)}))
+    assert members.kind is None
+
+
+def test_members_of_another_kind_that_are_met_late_are_told() -> None:
+    members = Members(Family("x", narrow_kind, {"n": (1.0, 100.0)}))
+    assert members.kind is not None
+    with pytest.raises(OtherKind, match=r"narrow_kind\(n=50.02\) is of another kind than what is built elsewhere: Lambert"):
+        members(np.array([[3.0], [50.02]]))
+
+
+def test_a_search_that_meets_another_kind_late_begins_again_as_of_functions() -> None:
+    report = check(narrow_kind, n=(49.7, 51), effort="quick")
+    assert report.engine.startswith("adaptive")
+    assert report.verdict is Verdict.VIOLATES
+    assert report.albedo == pytest.approx(1.5, abs=1e-6)

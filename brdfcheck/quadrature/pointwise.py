@@ -11,13 +11,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import BLOCK, Evaluator, with_options_of
-from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
@@ -27,7 +26,7 @@ from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.functions import Adaptive, Albedo, adaptive_albedo
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.limit import grazing_limit
-from brdfcheck.quadrature.members import Members
+from brdfcheck.quadrature.members import Members, OtherKind
 from brdfcheck.quadrature.registry import engine_of
 from brdfcheck.quadrature.rule import AbstractEngine
 from brdfcheck.quadrature.seen import Seen
@@ -81,20 +80,25 @@ class PointwiseAlbedo:
         self.seen = Seen()
         self._held = {name: low for name, (low, high) in family.ranges.items() if low == high}
         self._columns = [self.names.index(name) for name in self.swept]
-        self._middle = middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
-        self._template = self._abstract(middle)
+        self._middle = {name: 0.5 * low + 0.5 * high for name, (low, high) in family.ranges.items()}
         self.evaluator: Evaluator | None = None
         self.table: AbstractTable | None = None
         self.epsilon = float(jnp.finfo(float).eps)
-        if self._template is None:
-            self.evaluator = Evaluator(self._with_held(family.build), {name: middle[name] for name in self.swept})
-            self.engine: type[AbstractEngine] = Adaptive
-            self.table = None if self.swept else table_in(self._with_held(family.build)())
-            self.epsilon = self.evaluator.epsilon
-            self.anisotropic = turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
+        self.engine: type[AbstractEngine] = Adaptive
+        self._members = Members(family)
+        if self._members.kind is None:
+            self._as_function()
         else:
-            self.engine = engine_of(self._template)
-            self._members = Members(family)
+            self.engine = engine_of(self._members.kind)
+
+    def _as_function(self) -> None:
+        """From now on by engine 3."""
+        family = self.family
+        self.evaluator = Evaluator(self._with_held(family.build), {name: self._middle[name] for name in self.swept})
+        self.engine = Adaptive
+        self.table = None if self.swept else table_in(self._with_held(family.build)())
+        self.epsilon = self.evaluator.epsilon
+        self.anisotropic = turns_with_the_surface(self.evaluator, [family.ranges[name] for name in self.swept])
 
     @property
     def engine_name(self) -> str:
@@ -135,16 +139,6 @@ class PointwiseAlbedo:
         build.__name__ = self.family.name if name == "<lambda>" else name
         return with_options_of(made, build)
 
-    def _abstract(self, middle: dict[str, float]) -> Any:
-        """The BRDF's structure where engines 1 and 2 can take it, else None."""
-        try:
-            brdf = eqx.filter_eval_shape(
-                self.family.build, **{name: jnp.asarray(value, float) for name, value in middle.items()}
-            )
-        except Exception:  # the factory needs numbers: engine 3 decides
-            return None
-        return brdf if has_engine(brdf) else None
-
     @property
     def fast(self) -> bool:
         """True where a point costs microseconds (engines 1 and 2) rather than an adaptive integral."""
@@ -161,18 +155,35 @@ class PointwiseAlbedo:
         return 1 if self.bounded and self.family.surface is None else 1 + self.engine.effort
 
     @property
+    def _kind(self) -> AbstractBRDF | None:
+        """What all members of the family are, for theorems; None where each is known only when it is built."""
+        return self._members.kind if self._members.traced and self.evaluator is None else None
+
+    @property
+    def one_of_many(self) -> bool:
+        """True where members are lobes of which one says nothing about the next: their factory cannot be traced."""
+        return self.evaluator is None and not self._members.traced
+
+    @property
     def monotone(self) -> bool:
         """True for lobes that are largest at normal incidence, by theorem."""
-        return self._template is not None and self._template.monotone
+        return self._kind is not None and self._kind.monotone
 
     @functools.cached_property
     def bounded(self) -> bool:
         """True for BRDFs whose albedo never exceeds 1, by theorem: by their structure, and the numbers that they hold."""
-        return self._template is not None and self._template.bounded and self.family.build(**self._middle).bounded
+        return self._kind is not None and self._kind.bounded and self.family.build(**self._middle).bounded
 
     def brdfs(self, parameters: np.ndarray) -> Any:
-        """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2)."""
-        return self._members(parameters)
+        """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2).
+
+        OtherKind where they are of several kinds: from then on they are functions.
+        """
+        try:
+            return self._members(parameters)
+        except OtherKind:
+            self._as_function()
+            raise
 
     def __call__(
         self, parameters: np.ndarray, cos_theta: np.ndarray, azimuth: np.ndarray, *, rtol: float | None = None

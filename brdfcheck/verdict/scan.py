@@ -95,7 +95,7 @@ class Scan:
         self.surface, self.scale = surface, scale
         swept = len(surface.box.swept)
         self._count = int(_POINTS[min(swept + surface.albedo.anisotropic, 3)] * scale)
-        if surface.fast:
+        if surface.fast and not surface.albedo.one_of_many:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
         if self._count > _FEW and swept + surface.albedo.anisotropic:
             _prepare()

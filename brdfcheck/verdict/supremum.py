@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from brdfcheck.quadrature.members import OtherKind
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo, TwoSided
 from brdfcheck.runtime import keep_freed_memory
 from brdfcheck.verdict.climb import CREST, Climbs, Trail, climb
@@ -122,7 +123,7 @@ def supremum(
         with np.errstate(all="ignore"):
             found = search.run()
             search.surface.confirm_sides(search.winner)
-    except TwoSided:  # found out late: from now on both sides of the plane of incidence are looked at
+    except (TwoSided, OtherKind):  # found out late: from now on on both sides of the plane of incidence, or as functions
         albedo.mirrored = False
         again = {"threshold": threshold, "intervals": intervals, "rtol": rtol, "effort": effort, "axial": axial}
         return supremum(albedo, watch=watch, **again)
