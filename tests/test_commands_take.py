@@ -57,6 +57,15 @@ SHADER = """
 uniform float k = 0.5;
 vec3 f(vec3 a, vec3 b) { return vec3(k / 3.141592653589793 * GAIN * b.z); }
 """
+SWITCHED = """\
+analytic
+::begin parameters
+bool half 0
+::end parameters
+::begin shader
+vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y) { return vec3(half ? 0.1 : 0.2); }
+::end shader
+"""
 OPTIONS = ("--args", "V,L", "--returns", "brdf*cos", "-D", "GAIN=1.0")
 
 
@@ -269,6 +278,23 @@ def test_a_sweep_of_a_shader_with_options(run: Run, files: Path) -> None:
     assert code == ExitCode.USAGE_ERROR
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("half = false", None),
+        ("half = [true, false]", None),
+        ("half = 0.5", "half is a bool: 0, 1 or 0:1"),
+        ('half = "x"', "a.brdf: half takes numbers; got 'x'"),
+    ],
+)
+def test_a_sweep_of_a_switch(run: Run, files: Path, value: str, told: str | None) -> None:
+    (files / "a.brdf").write_text(SWITCHED)
+    (files / "config.toml").write_text(f'brdf = "a.brdf"\n[axes]\n{value}\ncos_theta = 1\n')
+    code, _, err = run("sweep", "config.toml", "--out", "s.zarr", "--dry-run")
+    assert code == (ExitCode.PASSED if told is None else ExitCode.USAGE_ERROR), err
+    assert (told or "") in err
+
+
 def test_a_sweep_of_functions_of_one_pair_by_a_rule(files: Path) -> None:
     by_rule = {"brdf": "mine.py:pair", "rule": "gauss-product:16", "axes": {"n": [10.5], "cos_theta": [1]}}
     assert Plan(parse(by_rule, folder=files)).channels is None
@@ -280,9 +306,7 @@ def test_a_sweep_of_functions_of_one_pair_by_a_rule(files: Path) -> None:
 
 
 def test_a_switch_has_a_curve_at_its_ends_and_none_between(run: Run, files: Path) -> None:
-    text = "analytic\n::begin parameters\nbool half 0\n::end parameters\n::begin shader\n"
-    text += "vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y) { return vec3(half ? 0.1 : 0.2); }\n::end shader\n"
-    (files / "a.brdf").write_text(text)
+    (files / "a.brdf").write_text(SWITCHED)
     code, out, err = run("plot", "albedo-vs-angle", "a.brdf", "--cos-theta", "1", "--samples", "3", "-o", "a.svg")
     assert code == ExitCode.PASSED, err
     assert [line.split()[1] for line in out.splitlines()[:-1]] == ["half=0", "half=1"]

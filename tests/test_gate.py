@@ -215,6 +215,22 @@ def test_a_list_for_a_vector_is_its_components(run: Run, write: Write, here: Pat
     assert "ks: a vector has at most 4 components; got 5" in run("check", "flat.glsl:f", "--over", "ks=1,1,1,1,1")[2]
 
 
+def test_a_vector_takes_as_many_numbers_as_it_has(run: Run, write: Write) -> None:
+    write("flat.glsl", "uniform vec3 ks; uniform float n;\nvec3 f(vec3 L, vec3 V) { return ks * n / 3.141592653589793; }\n")
+    for words in (
+        ("check", "flat.glsl:f", "--over", "n=1"),
+        ("certify", "flat.glsl:f", "--over", "n=1"),
+        ("table", "flat.glsl:f", "-o", "t.csv", "--over", "n=1:2"),
+        ("plot", "albedo-vs-angle", "flat.glsl:f", "--over", "n=1"),
+        ("fit", "flat.glsl:f"),
+    ):
+        for numbers, count in (("1,2", 2), ("1,2,3,4", 4)):
+            code, _, told = run(*words, "--over", f"ks={numbers}")
+            assert (code, f"ks has 3 components; got {count} numbers" in told) == (ExitCode.USAGE_ERROR, True), told
+    code, _, told = run("render", "furnace", "--brdf", "flat.glsl:f", "--set", "ks=1,2", "--set", "n=1", "-o", "x.png")
+    assert (code, "ks has 3 components; got 2 numbers" in told) == (ExitCode.USAGE_ERROR, True), told
+
+
 def test_a_file_is_imported_once_however_many_of_it_are_checked(run: Run, write: Write) -> None:
     write("mine.py", MINE + 'print("imported")\n')
     write("brdfcheck.toml", GATE)

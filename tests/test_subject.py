@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from brdfcheck.brdf import catalog
+from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.readers.python import load_module, load_object, split_spec
 from brdfcheck.brdf.subject import Target, as_target, family_target, load, named, resolve
 from brdfcheck.fits.raw import of_exponent
@@ -339,3 +340,33 @@ def test_the_line_is_where_the_file_gives_the_name(write: Write, name: str, line
     path = write(source)
     target = one(f"{path}:{name}")
     assert (target.file, target.line) == (path, line)
+
+
+def test_families_of_a_file_are_taken(write: Write) -> None:
+    path = write(
+        """
+        import brdfcheck
+
+        def sloped(wi, wo, albedo):
+            return albedo / 3.2 + 0 * wi[..., 2]
+
+        named = brdfcheck.load("lyon-1-half", n=(1, 50))
+        own = brdfcheck.load(sloped, albedo=(0.1, 0.9))
+        """
+    )
+    assert one(f"{path}:named").family.ranges == {"n": (1.0, 50.0)}
+    own = as_target(f"{path}:own", {"albedo": (0.2, 0.3)})
+    assert (own.family.name, own.family.ranges, own.file, own.line) == (f"{path}:own", {"albedo": (0.2, 0.3)}, path, 8)
+    assert one(f"{path}:named", n=(2, 3)).family.ranges == {"n": (2, 3)}
+    with pytest.raises(UsageError, match=r"mine\.py:own has no parameter 'm'; its parameters: albedo"):
+        one(f"{path}:own", m=(1, 2))
+    with pytest.raises(UsageError, match=r"--returns is for functions in files; got .*mine\.py:own"):
+        resolve([f"{path}:own"], {}, None, Reading(returns="brdf*cos"))
+    every = resolve([f"{path}:*"], {"albedo": (0.1, 0.9)}, None)
+    assert [target.family.name.rpartition(":")[2] for target in every] == ["sloped", "named", "own"]
+
+
+def test_what_could_not_be_read_is_named_once(write: Write) -> None:
+    path = write("def f(n):\n    return None\n")
+    (target,) = resolve([f"{path}:f"], {}, None, others_go_on=True)
+    assert target.finding == "the parameter n must be given a range: --over n=LO:HI, in Python n=(LO, HI)"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from selection import few
 
-from brdfcheck import Factor, Normalized, albedo, albedo_table
+from brdfcheck import Factor, Family, Normalized, albedo, albedo_table, load
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.lobes import BinomialPower, BlinnPhong, KuijkBlake, Lambert, Lyon, Phong, Schlick
 from brdfcheck.brdf.microfacet import GGX, CookTorrance
@@ -178,3 +178,17 @@ def test_few_exps_a_cell(name, most):
     functions = sum(count[part] for part in ("exp", "exp2", "expm1", "log", "log1p", "pow"))
     assert 0.3 < functions / n.size / mu.size <= most
     assert sum(count[part] for part in ("sin", "cos", "tan", "atan2", "acos", "asin", "erf")) / n.size / mu.size <= 3
+
+
+def test_what_check_takes_by_name_a_table_takes(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("import brdfcheck\n\ndef glossy(m):\n    return brdfcheck.catalog.entry('phong').family.build(n=m)\n")
+    found = albedo_table(f"{path}:glossy", [1.0, 10.0], [1.0, 0.5])
+    family = load(f"{path}:glossy", m=(1, 10))
+    wanted = albedo_table("phong", [1.0, 10.0], [1.0, 0.5])
+    for table in (found, albedo_table(family, [1.0, 10.0], [1.0, 0.5])):
+        np.testing.assert_allclose(table.value, wanted.value, rtol=1e-12)
+    with pytest.raises(ValueError, match="has 0 parameters; a table needs exactly one"):
+        albedo_table(Family("flat", lambda: None), [1.0], [1.0])
+    with pytest.raises(KeyError, match="unknown BRDF 'nope'"):
+        albedo_table("nope", [1.0], [1.0])

@@ -254,8 +254,12 @@ def exponent_family(name: str) -> Callable[[Any], Any]:
 
     The same callable each time: compiled programs are known by it.
     """
-    family = entry(name).family
+    return of_one_number(entry(name).family)
+
+
+def of_one_number(family: Family) -> Callable[[Any], Any]:
+    """number -> BRDF for a family of one parameter. ValueError for others."""
     if len(family.ranges) != 1:
-        raise ValueError(f"{name} has {len(family.ranges)} parameters; a table needs exactly one")
+        raise ValueError(f"{family.name} has {len(family.ranges)} parameters; a table needs exactly one")
     (parameter,) = family.ranges
     return lambda value: family.build(**{parameter: value})

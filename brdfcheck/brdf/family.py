@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
+from brdfcheck.brdf.values import Part
 from brdfcheck.messages import UsageError
 
 
@@ -61,7 +62,7 @@ def interval(name: str, bounds: Any) -> tuple[float, float]:
         raise UsageError(f"the range of {name} must be finite; got {low:g}:{high:g}")
     if low > high:
         raise UsageError(f"the range of {name} is empty: {low:g} > {high:g}")
-    return low, high
+    return bounds if isinstance(bounds, Part) else (low, high)
 
 
 def not_whole(name: str, parameter: str, bounds: tuple[float, float]) -> UsageError:

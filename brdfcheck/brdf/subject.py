@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from brdfcheck.brdf.blame import told
 from brdfcheck.brdf.calling import ANGLES, DIRECTIONS, NORMALS, directional, is_normal, is_number, over_cosine
 from brdfcheck.brdf.family import no_range, not_whole
-from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading
+from brdfcheck.brdf.readers.base import OPTIONS, AbstractFile, Reading, refuse_reading
 from brdfcheck.brdf.readers.python import line_of, offered
 from brdfcheck.brdf.readers.registry import load_file
 from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
@@ -333,17 +333,6 @@ def named(name: str, modules: dict[str, ModuleType], reading: Reading | None = N
     return catalog.entry(name).family, name
 
 
-def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
-    """UsageError where a reading is for none of these: names, and what they stand for."""
-    what = ""
-    if reading.for_shaders and not any(isinstance(value, AbstractFile) for value in values.values()):
-        what = f"{OPTIONS} are for shader files"
-    elif reading.per_cosine and not any(map(is_file_spec, values)):
-        what = "--returns is for functions in files"
-    if what:
-        raise UsageError(f"{what}; got {', '.join(values)}")
-
-
 def resolve(
     names: Iterable[str],
     ranges: Mapping[str, Range | Values],
@@ -388,9 +377,9 @@ def unread_target(name: str, error: UsageError) -> Target:
     """What stands for a name that cannot be read."""
     from brdfcheck.brdf.family import Family
 
-    file = split_spec(name)[0] if is_file_spec(name) else None
+    file, words = split_spec(name)[0] if is_file_spec(name) else None, one_line(error).removeprefix(f"{one_line(name)}: ")
     said = re.search(rf"{re.escape(file)}(?:: line |:)(\d+)\b", str(error)) if file else None
-    return Target(Family(name, lambda: None), one_line(error), file, int(said[1]) if said else None, unread=True)
+    return Target(Family(name, lambda: None), words, file, int(said[1]) if said else None, unread=True)
 
 
 def spread(name: str, modules: dict[str, ModuleType]) -> list[str]:
@@ -413,20 +402,26 @@ def _resolve(
     targets: dict[str, Target] = {}
     known_ranges: set[str] = set()
     waiting: list[tuple[str, Any, str]] = []
+    values: dict[str, Any] = {}
     for name in names:
         if name in unread:
             continue
         with unread.noted(name):
             value, spec = named(name, modules, reading)
+            values[spec] = value
             if isinstance(value, Family):
-                targets[name] = family_target(value, ranges, cos_theta)
+                made = family_target(value, ranges, cos_theta)
+                if is_file_spec(spec):  # one that a Python file has made
+                    family = dataclasses.replace(made.family, name=spec)
+                    made = dataclasses.replace(made, family=family, file=split_spec(spec)[0], line=line_of(value, spec))
+                targets[name] = made
                 known_ranges |= {*targets[name].family.ranges, *targets[name].family.held}
             else:
                 waiting.append((name, value, spec))
     # What a range or an option is for may be what could not be read.
     whole = not unread
     if reading is not None and whole:
-        refuse_reading(reading, dict.fromkeys(names) | {spec: value for _, value, spec in waiting})
+        refuse_reading(reading, values)
     for name, value, spec in waiting:
         # A range that belongs to another BRDF of the command is no mistake of this one.
         own = signature_of(value)

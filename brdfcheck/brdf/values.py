@@ -19,10 +19,21 @@ class Values(tuple[float, ...]):
     """Several values of a parameter, each of which is checked by itself."""
 
 
+class Part(tuple[float, float]):
+    """A component of a vector that is held, as a range of no length. `vector`: what that is called, `count`: of how many."""
+
+    vector: str
+    count: int
+
+
 def components(name: str, values: Sequence[float]) -> dict[str, Range]:
     """The components of a vector, as parameters that are held: ``ks.r``, ``ks.g``, ``ks.b``; of two numbers x and y."""
     letters = "rgba" if len(values) > 2 else "xy"
-    return {f"{name}.{letter}": (value, value) for letter, value in zip(letters, values, strict=False)}
+    parts: dict[str, Range] = {}
+    for letter, value in zip(letters, values, strict=False):
+        part = parts[f"{name}.{letter}"] = Part((value, value))
+        part.vector, part.count = name, len(values)
+    return parts
 
 
 def by_value(

@@ -189,7 +189,7 @@ def _of_brdf(
     values = {parameter: low for parameter, (low, _) in held.items()}
     try:
         with asked(brdf=name):
-            shown = brdf_of(name, values, how, furnace=kind == "furnace")
+            shown = brdf_of(name, held, how, furnace=kind == "furnace")
             start()  # a user's file may have changed the precision
             label = ", ".join((name, *(f"{parameter} = {value:g}" for parameter, value in values.items())))
             with output.waiting(f"rendering a {kind} of {name}; the first time, programs are compiled for it"):

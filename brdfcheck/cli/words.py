@@ -134,8 +134,7 @@ def together(settings: Iterable[Setting | Components] | None, *, lists: bool = F
         elif len(item.values) > 4:
             raise UsageError(f"{option} {item.name}: a vector has at most 4 components; got {len(item.values)}")
         else:
-            parts = components(item.name, item.values)
-            pairs += [(name, Interval(*bounds)) for name, bounds in parts.items()]
+            pairs += components(item.name, item.values).items()
     for name, bounds in pairs:
         if name in ranges:
             raise UsageError(f"{option}: the parameter {name!r} is given twice")

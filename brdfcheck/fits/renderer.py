@@ -20,10 +20,10 @@ import numpy as np
 from brdfcheck.brdf.base import AbstractBRDF, AbstractMicrofacetLobe, core_of
 from brdfcheck.brdf.callables import with_options_of
 from brdfcheck.brdf.family import Family, interval
-from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.base import Reading, refuse_reading
 from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.brdf.signatures import signature_of
-from brdfcheck.brdf.subject import as_target, family_of, named, refuse_reading
+from brdfcheck.brdf.subject import as_target, family_of, named
 from brdfcheck.fits.grids import AlbedoGrid, Sampler, formula_of
 from brdfcheck.messages import UsageError, one_of
 from brdfcheck.numerics import averaging

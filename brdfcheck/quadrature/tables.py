@@ -30,6 +30,8 @@ from jaxtyping import Array, ArrayLike, Float
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractZonalLobe
 from brdfcheck.brdf.factors import has_engine
+from brdfcheck.brdf.family import Family, NoRange
+from brdfcheck.brdf.subject import as_target
 from brdfcheck.cores import available_cores, threads
 from brdfcheck.quadrature import albedo as directional
 from brdfcheck.quadrature.functions import Albedo
@@ -247,7 +249,7 @@ def _checked_exponents(n: object) -> np.ndarray:
 
 
 def albedo_table(
-    brdf_of_n: Callable[..., Any] | str,
+    brdf_of_n: Callable[..., Any] | str | Family,
     n: Float[ArrayLike, " n"],
     cos_theta: Float[ArrayLike, " cos_theta"],
     *,
@@ -255,13 +257,14 @@ def albedo_table(
 ) -> Albedo:
     """Directional albedo over exponents and cosines of incidence, shape (n, cos_theta) (and channels), never clamped.
 
-    `brdf_of_n`: a lobe class, a callable n -> BRDF, or a catalogue name. `n` and `cos_theta` are one-dimensional; `rtol` as
-    for `albedo`. `error` bounds the absolute error of each cell. The axes are numbers, not traced values.
-    Raises ValueError for empty or wrong axes, KeyError for an unknown catalogue name.
+    `brdf_of_n`: a lobe class, a callable n -> BRDF, a catalogue name, ``file.py:object`` or a `Family` of one parameter, which
+    `n` is then. `n` and `cos_theta` are one-dimensional; `rtol` as for `albedo`. `error` bounds the absolute error of each
+    cell. The axes are numbers, not traced values.
+    Raises ValueError for empty or wrong axes and for what has not one parameter, KeyError for an unknown catalogue name.
     """
-    if isinstance(brdf_of_n, str):
-        brdf_of_n = catalog.exponent_family(brdf_of_n)
     exponents = _checked_exponents(n)
+    if isinstance(brdf_of_n, (str, Family)):
+        brdf_of_n = _of_one_number(brdf_of_n, (float(exponents.min()), float(exponents.max())))
     mu = directional.checked_cosines(cos_theta)
     if mu.ndim != 1 or mu.size == 0:
         raise ValueError(f"cos_theta must be a non-empty list of cosines; got shape {mu.shape}")
@@ -294,6 +297,21 @@ def albedo_table(
         back = np.argsort(order, kind="stable")
         value, error = value[back], error[back]
     return Albedo(value, error, jnp.asarray(max(counts)), engine_of(shape).name)
+
+
+def _of_one_number(target: str | Family, bounds: tuple[float, float]) -> Callable[..., Any]:
+    """number -> BRDF of a name or a family of one parameter."""
+    if isinstance(target, str) and target in catalog.names():
+        return catalog.exponent_family(target)
+    try:
+        found = as_target(target)
+    except NoRange as error:
+        if len(error.names) != 1:
+            raise
+        found = as_target(target, {error.names[0]: bounds})
+    if found.finding is not None:
+        raise ValueError(found.finding)
+    return catalog.of_one_number(found.family)
 
 
 def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:

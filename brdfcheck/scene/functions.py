@@ -17,6 +17,7 @@ from brdfcheck.brdf.family import NoRange
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import as_target
 from brdfcheck.brdf.two_sides import BELOW, Folded, FunctionBSDF
+from brdfcheck.brdf.values import Range
 from brdfcheck.messages import UsageError, one_line
 
 
@@ -96,15 +97,17 @@ class FunctionSurface(AbstractBSDF):
 
 
 def brdf_of(
-    value: Any, parameters: Mapping[str, float], reading: Reading | None = None, *, furnace: bool = False
+    value: Any, parameters: Mapping[str, float | Range], reading: Reading | None = None, *, furnace: bool = False
 ) -> AbstractBRDF | AbstractBSDF:
     """Whatever `brdfcheck.check` takes, with numbers for its parameters, as a BRDF or BSDF; `reading`: how files are read.
 
+    A number may be given as a range of no length.
     `furnace`: for a white furnace, in which a BSDF is the BRDF that has its energy, lit from one side (from above, by default).
     Raises ValueError where a parameter is missing or unknown, or the BRDF cannot be called; TypeError where it is none.
     """
     try:
-        target = as_target(value, {name: (number, number) for name, number in parameters.items()}, None, reading)
+        held = {name: number if isinstance(number, tuple) else (number, number) for name, number in parameters.items()}
+        target = as_target(value, held, None, reading)
     except NoRange as error:
         words, _, _ = one_line(error).partition(" must be given a range")
         raise NoRange(f"{words} must be given as a number", error.names) from None

@@ -18,9 +18,8 @@ from brdfcheck.brdf import catalog
 from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
 from brdfcheck.brdf.calling import name_of
 from brdfcheck.brdf.lobes import Lambert
-from brdfcheck.brdf.readers.base import Reading
+from brdfcheck.brdf.readers.base import Reading, refuse_reading
 from brdfcheck.brdf.signatures import signature_of
-from brdfcheck.brdf.subject import refuse_reading
 from brdfcheck.brdf.transmission import AbstractSmooth, LambertTransmission
 from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.runtime import double_precision

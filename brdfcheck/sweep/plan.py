@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfcheck.brdf.subject import refuse_reading
+from brdfcheck.brdf.readers.base import refuse_reading
 from brdfcheck.messages import UsageError
 from brdfcheck.sweep import subjects
 from brdfcheck.sweep.config import ANGLES, CHOICES, Axis, Config

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -64,7 +64,9 @@ def subject(
 
     What makes one member of the family of these numbers, and the structure of its lobe without numbers: None for functions.
     """
-    words = {name: value for name, value in static.items() if isinstance(value, str | bool)}
+    # To a shader true and false are 1 and 0.
+    kinds = str if isinstance(source.value, AbstractFile) else str | bool
+    words = {name: value for name, value in static.items() if isinstance(value, kinds)}
     whole = {name: (float(value), float(value)) for name, value in static.items() if name not in words}
     bounds = {**whole, **ranges}
     with double_precision():
@@ -90,9 +92,12 @@ def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple
     unknown = [name for name in words if name not in source.signature.names]
     if unknown and not source.signature.open:
         raise UsageError(no_parameter(source.name, unknown[0], source.signature.names))
+    if words and isinstance(source.value, (AbstractFile, Family)):
+        name, word = next(iter(words.items()))
+        raise UsageError(f"{source.name}: {name} takes numbers; got {word!r}")
     try:
         if isinstance(source.value, Family):
-            target = as_target(source.name, bounds)
+            target = as_target(replace(source.value, name=source.name), bounds)
         else:
             value = functools.partial(source.value, **words) if words else source.value
             target = family_of(value, source.name, bounds, None, source.reading)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from brdfcheck.brdf.readers.specs import is_file_spec
 from brdfcheck.messages import UsageError, one_line
 
 if TYPE_CHECKING:
@@ -95,3 +96,16 @@ class AbstractFile(abc.ABC):
         self, ranges: Mapping[str, Any], cos_theta: tuple[float, float] | None, no_parameter: Callable[..., str]
     ) -> Family:
         """The family over these ranges. `no_parameter` words that a name is unknown. UsageError where they do not belong."""
+
+
+def refuse_reading(reading: Reading, values: Mapping[str, Any]) -> None:
+    """UsageError where a reading is for none of these: names, and what they stand for."""
+    from brdfcheck.brdf.family import Family
+
+    what = ""
+    if reading.for_shaders and not any(isinstance(value, AbstractFile) for value in values.values()):
+        what = f"{OPTIONS} are for shader files"
+    elif reading.per_cosine and not any(is_file_spec(name) and not isinstance(value, Family) for name, value in values.items()):
+        what = "--returns is for functions in files"
+    if what:
+        raise UsageError(f"{what}; got {', '.join(values)}")

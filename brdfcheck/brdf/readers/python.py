@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from brdfcheck.brdf.calling import directional
+from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.specs import split_spec
 from brdfcheck.folders import readable
 from brdfcheck.messages import UsageError, one_line
@@ -131,7 +132,7 @@ def offered(path: str, modules: dict[str, ModuleType]) -> list[str]:
 
 
 def _offers(module: ModuleType) -> list[str]:
-    """The public callables of a module that it defines itself (or, failing that, BRDFs that it made of ours).
+    """The public callables of a module that it defines itself, and what it made of ours: BRDFs and families.
 
     Of a module with ``__all__`` only what that names.
     """
@@ -142,8 +143,8 @@ def _offers(module: ModuleType) -> list[str]:
     for name, value in vars(module).items():
         if name.startswith("_") or (listed is not None and name not in listed):
             continue
-        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, (AbstractBRDF, AbstractBSDF))
-        if own and callable(directional(value)):
+        own = getattr(value, "__module__", None) == module.__name__ or isinstance(value, (AbstractBRDF, AbstractBSDF, Family))
+        if own and (callable(directional(value)) or isinstance(value, Family)):
             found.append(name)
     return found
 
@@ -169,7 +170,7 @@ def load_object(spec: str, modules: dict[str, ModuleType] | None = None) -> tupl
         if not hasattr(value, part):
             raise UsageError(f"{path} has no object {name!r}; {choices}")
         value = getattr(value, part)
-    if not callable(directional(value)):
+    if not callable(directional(value)) and not isinstance(value, Family):
         kind = type(value).__name__
         raise UsageError(f"{path}:{name} is not callable ({kind}); give a BRDF f(wi, wo), a class or a factory; {choices}")
     return value, f"{path}:{name}"

@@ -13,6 +13,7 @@ from brdfcheck.brdf.family import interval, no_range, not_whole
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.errors import Position
 from brdfcheck.brdf.readers.glsl.kinds import Scalar, Struct, Type, Vector, kind_of
+from brdfcheck.brdf.values import Part
 from brdfcheck.messages import UsageError
 
 _COMPONENTS = ("xyzw", "rgba")
@@ -119,8 +120,10 @@ def missing(knobs: Iterable[Knob]) -> list[str]:
 
 def settle(knobs: list[Knob], given: Mapping[str, Any], spec: str, no_parameter: Callable[..., str]) -> Settings:
     """What the knobs are for these ranges: (LO, HI) or for a vector a number for each component. UsageError, NoRange."""
-    known = names_of(knobs)
-    for name in given:
+    known, sizes = names_of(knobs), {knob.name: knob.size for knob in knobs if isinstance(knob.type, Vector)}
+    for name, bounds in given.items():
+        if isinstance(bounds, Part) and bounds.vector in sizes and bounds.count != (size := sizes[bounds.vector]):
+            raise UsageError(f"{spec}: {bounds.vector} has {size} components; got {bounds.count} numbers")
         if name not in known:
             raise UsageError(no_parameter(spec, name, [knob.name for knob in knobs]))
     settings = Settings()
