@@ -160,8 +160,9 @@ def test_members_of_another_kind_that_are_met_late_are_told() -> None:
         members(np.array([[3.0], [50.02]]))
 
 
+@pytest.mark.slow
 def test_a_search_that_meets_another_kind_late_begins_again_as_of_functions() -> None:
-    report = check(narrow_kind, n=(49.7, 51), effort="quick")
+    report = check(narrow_kind, n=(49.7, 51), cos_theta=(0.5, 0.5), effort="quick", rtol=1e-5)
     assert report.engine.startswith("adaptive")
     assert report.verdict is Verdict.VIOLATES
-    assert report.albedo == pytest.approx(1.5, abs=1e-6)
+    assert report.albedo == pytest.approx(1.5, abs=1e-4)

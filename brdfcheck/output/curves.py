@@ -33,7 +33,10 @@ Curve = dict[str, Any]
 
 @dataclass(frozen=True)
 class _Effort:
-    """How many points: what an engine's evaluations cost decides. `turns`: azimuths of an anisotropic BRDF."""
+    """How many points: what an engine's evaluations cost decides. `turns`: azimuths of an anisotropic BRDF at first.
+
+    An odd number: of the many that are the same half a turn away twice as many are seen then.
+    """
 
     exponents: int
     cosines: int
@@ -43,6 +46,8 @@ class _Effort:
     rtol: float | None
 
 
+# By so many parabolas the largest of all azimuths is found: to 2e-5 of how much it varies, if it does so twice in a turn.
+_TURNED = 3
 # Cosines of a heat map at least, but of a function that is called pair by pair: with fewer its contours are polygons.
 _MAP_COSINES = 17
 _MOST_SWITCHES = 3  # eight curves of one BRDF
@@ -50,8 +55,8 @@ _MOST_SWITCHES = 3  # eight curves of one BRDF
 _EFFORTS = (
     _Effort(241, 33, 129, 3, 1, None),
     _Effort(61, 21, 97, 2, 1, None),
-    _Effort(49, 9, 97, 1, 4, 1e-6),
-    _Effort(17, 7, 25, 1, 4, 1e-6),
+    _Effort(49, 9, 97, 1, 7, 1e-6),
+    _Effort(17, 7, 25, 1, 7, 1e-6),
 )
 
 
@@ -273,49 +278,40 @@ class _Sampled:
         return np.stack([x if name == self.parameter else np.full(len(x), low) for name, (low, _) in ranges], axis=1)
 
     def over_azimuths(self, places: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values and errors at (place, cosine); for anisotropic BRDFs the largest over a few azimuths."""
+        """Values and errors at (place, cosine); for anisotropic BRDFs the largest over the azimuth.
+
+        A few turns away from the azimuth of the worst, then parabolas around the best.
+        """
+
+        def at(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return self.albedo(places, mu, turns, rtol=self.effort.rtol)
+
         count = self.effort.turns if self.albedo.anisotropic else 1
-        turns = np.arange(count) * 2 * np.pi / self.effort.turns
-        found = [self.albedo(places, mu, np.full(len(mu), turn), rtol=self.effort.rtol) for turn in turns]
-        values, errors = (np.array(part) for part in zip(*found, strict=True))
-        best = np.argmax(np.where(np.isnan(values), np.inf, values), axis=0)[None]
-        return np.take_along_axis(values, best, 0)[0], np.take_along_axis(errors, best, 0)[0]
+        turns = self.worst.azimuth + np.arange(count) * 2 * np.pi / count
+        found = [at(np.full(len(mu), turn)) for turn in turns]
+        values, errors = (np.array(part).T for part in zip(*found, strict=True))  # (points, turns)
+        every, best = np.arange(len(mu)), np.argmax(np.where(np.isnan(values), np.inf, values), axis=1)
+        top = values[every, best], errors[every, best], turns[best]
+        if count == 1:
+            return top[:2]
+        beside = best[:, None] + np.array([-1, 0, 1])
+        x, y = self.worst.azimuth + beside * 2 * np.pi / count, np.take_along_axis(values, beside % count, axis=1)
+        return _climbed(at, x, y, top, _TURNED)[:2]
 
     def largest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Largest albedo over the cosines at each value: (value, error, cosine). A grid, then parabolas around its best."""
         mu = _cosines(self.family.cos_theta, self.effort.cosines)
         places, rows, columns = self.places(x), len(x), len(mu)
-
-        def at(cosines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            width = cosines.shape[1]
-            value, error = self.over_azimuths(np.repeat(places, width, axis=0), cosines.ravel())
-            return value.reshape(rows, width), error.reshape(rows, width)
-
-        value, error = at(np.tile(mu, (rows, 1)))
+        value, error = self.over_azimuths(np.repeat(places, columns, axis=0), np.tile(mu, rows))
+        value, error = value.reshape(rows, columns), error.reshape(rows, columns)
         known = np.where(np.isnan(value), -np.inf, value)
         best, every = np.argmax(known, axis=1), np.arange(rows)
-        top, bar, place = value[every, best], error[every, best], mu[best]
+        top = value[every, best], error[every, best], mu[best]
         if columns < 3:
-            return top, bar, place
-        middle = np.clip(best, 1, columns - 2)
-        x = mu[middle[:, None] + np.array([-1, 0, 1])]
-        y = np.take_along_axis(known, middle[:, None] + np.array([-1, 0, 1]), axis=1)
-        for _ in range(self.effort.rounds):
-            candidate = _vertex(x, y)
-            fresh, fresh_error = at(candidate[:, None])
-            fresh, fresh_error = fresh[:, 0], fresh_error[:, 0]
-            better = fresh > top
-            top, bar, place = (
-                np.where(better, new, old) for new, old in ((fresh, top), (fresh_error, bar), (candidate, place))
-            )
-            # The three points around the best of the four.
-            points, heights = np.append(x, candidate[:, None], axis=1), np.append(y, fresh[:, None], axis=1)
-            order = np.argsort(points, axis=1)
-            points, heights = np.take_along_axis(points, order, 1), np.take_along_axis(heights, order, 1)
-            centre = np.clip(np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 1, 2)
-            around = centre[:, None] + np.array([-1, 0, 1])
-            x, y = np.take_along_axis(points, around, 1), np.take_along_axis(heights, around, 1)
-        return top, bar, place
+            return top
+        beside = np.clip(best, 1, columns - 2)[:, None] + np.array([-1, 0, 1])
+        around = mu[beside], np.take_along_axis(known, beside, axis=1)
+        return _climbed(lambda cosines: self.over_azimuths(places, cosines), *around, top, self.effort.rounds)
 
     def above(self, x: np.ndarray, value: np.ndarray, error: np.ndarray) -> tuple[tuple[float, float], ...]:
         """Where the largest albedo exceeds 1: as the verdict says, or found here where its search has no intervals.
@@ -379,6 +375,35 @@ def _cosines(bounds: tuple[float, float], count: int) -> np.ndarray:
     values = low + (high - low) * np.sin(np.linspace(0, np.pi / 2, count)) ** 2
     values[0], values[-1] = low, high
     return values
+
+
+def _climbed(
+    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    x: np.ndarray,
+    y: np.ndarray,
+    top: tuple[np.ndarray, np.ndarray, np.ndarray],
+    rounds: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The highest points (value, error, place) that parabolas find between three places x and values y of each row.
+
+    `top`: the highest so far. Not a number stays what it is.
+    """
+    value, error, place = top
+    for _ in range(rounds):
+        candidate = _vertex(x, y)
+        fresh, fresh_error = at(candidate)
+        better = fresh > value
+        value, error, place = (
+            np.where(better, new, old) for new, old in ((fresh, value), (fresh_error, error), (candidate, place))
+        )
+        # The three points around the best of the four.
+        points, heights = np.append(x, candidate[:, None], axis=1), np.append(y, fresh[:, None], axis=1)
+        order = np.argsort(points, axis=1)
+        points, heights = np.take_along_axis(points, order, 1), np.take_along_axis(heights, order, 1)
+        centre = np.clip(np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 1, 2)
+        around = centre[:, None] + np.array([-1, 0, 1])
+        x, y = np.take_along_axis(points, around, 1), np.take_along_axis(heights, around, 1)
+    return value, error, place
 
 
 def _vertex(x: np.ndarray, y: np.ndarray) -> np.ndarray:
