@@ -295,6 +295,49 @@ def test_a_sweep_of_a_switch(run: Run, files: Path, value: str, told: str | None
     assert (told or "") in err
 
 
+NAMES = """
+import jax.numpy as jnp
+
+def cos_theta(cos_theta):
+    return lambda wi, wo: cos_theta / jnp.pi + 0 * wi[..., 2]
+
+def target(target):
+    return lambda wi, wo: target / jnp.pi + 0 * wi[..., 2]
+
+def azimuth(azimuth):
+    return lambda wi, wo: azimuth / jnp.pi + 0 * wi[..., 2]
+
+def whole(wi, wo, n: int = 3):
+    return sum(wi[..., 2] * 0 + 0.1 for _ in range(n)) / jnp.pi
+"""
+
+
+def test_parameters_that_are_called_like_something_else(run: Run, files: Path) -> None:
+    (files / "names.py").write_text(NAMES)
+    for name in ("cos_theta", "target"):
+        code, out, err = run("certify", f"names.py:{name}", "--over", f"{name}=0.5:0.7", "--seconds", "0.5")
+        assert (code, f"for every {name} from 0.5 to 0.7" in out) == (ExitCode.PASSED, True), err
+    (files / "config.toml").write_text('brdf = "names.py:azimuth"\n[axes]\ncos_theta = 1\nazimuth = [0.5, 0.7]\n')
+    code, _, err = run("sweep", "config.toml", "--out", "s.zarr", "--dry-run")
+    assert (code, "the axis azimuth is that of incidence; rename the parameter" in err) == (ExitCode.USAGE_ERROR, True), err
+
+
+def test_a_fit_over_whole_numbers_says_so(run: Run, files: Path) -> None:
+    (files / "names.py").write_text(NAMES)
+    code, _, err = run("fit", "names.py:whole")
+    assert (code, "names.py:whole: n is a whole number" in err, "as in --n 3" in err) == (ExitCode.USAGE_ERROR, True, True)
+    assert run("fit", "names.py:whole", "--n", "3")[0] == ExitCode.PASSED
+
+
+def test_a_scene_gives_a_vector_its_numbers(files: Path) -> None:
+    (files / "v.glsl").write_text("uniform vec3 ks;\nvec3 f(vec3 L, vec3 V) { return ks / 3.141592653589793; }\n")
+    term = Term(f"{files}/v.glsl", ks=(1, 0.5, 0.25))
+    up = np.array([[0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(np.pi * term.brdf(up, up), [[1, 0.5, 0.25]], rtol=1e-6)
+    with pytest.raises(ValueError, match="ks has 3 components; got 2 numbers"):
+        Term(f"{files}/v.glsl", ks=[1, 0.5])
+
+
 def test_a_sweep_of_functions_of_one_pair_by_a_rule(files: Path) -> None:
     by_rule = {"brdf": "mine.py:pair", "rule": "gauss-product:16", "axes": {"n": [10.5], "cos_theta": [1]}}
     assert Plan(parse(by_rule, folder=files)).channels is None

@@ -299,3 +299,16 @@ def test_where_an_albedo_has_no_bound_it_exceeds_1():
     ((low, high),) = curves._intervals(x, value, error, lambda at: (3.0 - 5.0 * (at - 0.5), at), 1e-9)
     assert low == 0
     assert high == pytest.approx(0.9, abs=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0.0, np.pi / 4, 1.1])
+def test_a_curve_is_the_largest_over_the_azimuth(axis):
+    def turned(wi, wo, k):
+        azimuth = jnp.arctan2(wi[..., 1], wi[..., 0])
+        return (0.8 + k * jnp.cos(2 * (azimuth - axis - wi[..., 2])) * (1 - wi[..., 2] ** 2)) / np.pi
+
+    curve = curves.albedo_vs_angle(turned, k=0.3)
+    mu = np.asarray(curve["x"])
+    np.testing.assert_allclose(curve["albedo"], 0.8 + 0.3 * (1 - mu**2), atol=1e-4)
+    ((low, high),) = curve["above"]
+    assert (low, high) == (0, pytest.approx((1 / 3) ** 0.5, abs=1e-3))

@@ -364,9 +364,3 @@ def test_families_of_a_file_are_taken(write: Write) -> None:
         resolve([f"{path}:own"], {}, None, Reading(returns="brdf*cos"))
     every = resolve([f"{path}:*"], {"albedo": (0.1, 0.9)}, None)
     assert [target.family.name.rpartition(":")[2] for target in every] == ["sloped", "named", "own"]
-
-
-def test_what_could_not_be_read_is_named_once(write: Write) -> None:
-    path = write("def f(n):\n    return None\n")
-    (target,) = resolve([f"{path}:f"], {}, None, others_go_on=True)
-    assert target.finding == "the parameter n must be given a range: --over n=LO:HI, in Python n=(LO, HI)"

@@ -351,7 +351,7 @@ def test_parameters_may_have_the_names_of_angles() -> None:
         return lambda wi, wo: (0.1 + 0.1 * angle + 0.1 * cell) / np.pi + 0 * wi[..., 2]
 
     report = check(family, angle=(0, 1), cell=(0, 1), effort="quick")
-    assert set(report.width) == {"parameter angle", "parameter cell", "angle", "cell"}
+    assert set(report.width) == {"parameter angle", "parameter cell", "angle", "view", "cell"}
     assert re.search(r"% of the parameter angle, .* % of the parameter cell, .* deg of the angle or .* % of all", str(report))
 
 

@@ -377,9 +377,9 @@ def unread_target(name: str, error: UsageError) -> Target:
     """What stands for a name that cannot be read."""
     from brdfcheck.brdf.family import Family
 
-    file, words = split_spec(name)[0] if is_file_spec(name) else None, one_line(error).removeprefix(f"{one_line(name)}: ")
+    file = split_spec(name)[0] if is_file_spec(name) else None
     said = re.search(rf"{re.escape(file)}(?:: line |:)(\d+)\b", str(error)) if file else None
-    return Target(Family(name, lambda: None), words, file, int(said[1]) if said else None, unread=True)
+    return Target(Family(name, lambda: None), one_line(error), file, int(said[1]) if said else None, unread=True)
 
 
 def spread(name: str, modules: dict[str, ModuleType]) -> list[str]:

@@ -90,13 +90,13 @@ def _certify(
         raise UsageError("give a BRDF to certify, or --verify FILE")
     output = Output(alone=out == "-")
     start()
-    from brdfcheck.proof.certify import certify
+    from brdfcheck.proof.certify import certificate_of
     from brdfcheck.proof.cover import NotProved
 
     certificate, trouble = None, None
     with asked():
         try:
-            certificate = certify(name, seconds=seconds, cos_theta=cos_theta, reading=how, **words.together(over))
+            certificate = certificate_of(name, words.together(over), seconds, cos_theta, how)
         except NotProved as error:
             trouble = error
     if certificate is None:

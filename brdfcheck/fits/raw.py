@@ -101,6 +101,8 @@ def of_exponent(
     """A name as a target over exponents n, where it has any, other parameters held. UsageError where it refuses its values."""
     modules: dict[str, Any] = {}
     own = signature_of(named(name, modules, reading)[0])
+    if "n" in own.integers and n[0] < n[1]:
+        raise UsageError(f"{name}: n is a whole number, and a factor is for a range of exponents; give one, as in --n 3")
     exponent = {"n": n} if own.open or "n" in own.names else {}
     (target,) = resolve([name], {**exponent, **(held or {})}, None, reading, modules)
     if target.finding is not None:

@@ -27,7 +27,7 @@ from brdfcheck.brdf.subject import as_target, family_of, named
 from brdfcheck.fits.grids import AlbedoGrid, Sampler, formula_of
 from brdfcheck.messages import UsageError, one_of
 from brdfcheck.numerics import averaging
-from brdfcheck.quadrature.pointwise import worst_channel
+from brdfcheck.quadrature.frozen import worst_channel
 from brdfcheck.quadrature.tables import albedo_table
 from brdfcheck.runtime import double_precision
 

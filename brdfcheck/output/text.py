@@ -67,7 +67,7 @@ def plain_line(report: Report, name_width: int = 0, claim: str | None = None) ->
 def remark_lines(reports: Iterable[Report]) -> list[str]:
     """The findings and the notes in full, one a line, each with the name of its BRDF."""
     return [
-        f"{kind}: {report.name}: {one_line(text)}"
+        f"{kind}: {report.name}: {one_line(text).removeprefix(f'{report.name}: ')}"
         for report in reports
         for kind, texts in (("error" if report.unread else "finding", report.findings), ("note", report.notes))
         for text in texts

@@ -44,6 +44,17 @@ def certify(
     function that JAX can trace, and for operations that are not covered, which are named; NotProved (a ValueError) where there
     is neither a proof nor a counterexample, with the bound that is proved, or where a theorem's premise fails.
     """
+    return certificate_of(target, ranges, seconds, cos_theta, reading)
+
+
+def certificate_of(
+    target: Any,
+    ranges: Mapping[str, Any],
+    seconds: float,
+    cos_theta: tuple[float, float] | None = None,
+    reading: Reading | None = None,
+) -> Certificate:
+    """`certify`, with the `ranges` together: a parameter may be called like an argument of that. Raises what it raises."""
     if not (isinstance(seconds, (int, float)) and 0 <= seconds < math.inf):
         raise UsageError(f"seconds must be a number >= 0; got {seconds!r}")
     finite = {name: _finite(name, bounds) for name, bounds in ranges.items()}

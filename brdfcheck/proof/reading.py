@@ -99,7 +99,8 @@ def from_symbols(family: Family, fields: Callable[[Any], list[Any]]) -> tuple[An
     What does not depend on a parameter is a number there. Raises what the family's factory and `fields` raise.
     """
     names = tuple(family.ranges)
-    values = tuple(np.float32(1.0 if low <= 1 <= high else low) for low, high in family.ranges.values())
+    most = float(np.finfo(np.float32).max)
+    values = tuple(np.float32(1 if low <= 1 <= high else min(max(low, -most), most)) for low, high in family.ranges.values())
     made: list[Any] = []
 
     def build(*numbers: Any) -> list[Any]:

@@ -34,6 +34,8 @@ CENTRE = 1e-6
 _LONGEST = 0.4
 # Seeds closer together than this are one.
 _SAME = 1e-7
+# At how many directions the widest gap between nodes is looked for.
+_LOOKED = 20_000
 # Lengths of the first panels in u, from r = _LONGEST inwards: short in u where they would be long in radians. One more
 # panel has the rest, if any.
 _PANELS = (1.2, 2.4, 5.0, 5.0)
@@ -275,6 +277,24 @@ class Mesh:
             share = weight[number].reshape(shape)
             directions(self._moved(float(cosine)), self._grid, wo[:, number].reshape(3, *shape), share)
             share *= self._weights
+
+    def gap(self, cosine: float, mirrored: bool) -> float:
+        """The angle (radians) of the widest cone of directions without a node, for light at a cosine.
+
+        `mirrored`: what is on one side of the plane of incidence is taken on the other.
+        """
+        from scipy.spatial import KDTree
+
+        nodes, weight = np.empty((3, 1, self.size)), np.empty((1, self.size))
+        self.fill(np.array([cosine]), nodes, weight)
+        every = nodes[:, 0].T
+        if mirrored:
+            every = np.concatenate([every, every * [1, -1, 1]])
+        # Evenly over the hemisphere, on a spiral in steps of the golden angle.
+        height, turn = (np.arange(_LOOKED) + 0.5) / _LOOKED, np.arange(_LOOKED) * np.pi * (3 - 5**0.5)
+        ring = np.sqrt(1 - height * height)
+        chord, _ = KDTree(every).query(np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1))
+        return 4 * float(np.arcsin(np.max(chord) / 2))
 
     def _moved(self, cosine: float) -> Boxes:
         low, size, patch = (column.copy() for column in self._boxes)

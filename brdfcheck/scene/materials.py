@@ -22,6 +22,7 @@ from brdfcheck.brdf.readers.base import Reading, refuse_reading
 from brdfcheck.brdf.signatures import signature_of
 from brdfcheck.brdf.transmission import AbstractSmooth, LambertTransmission
 from brdfcheck.brdf.two_sides import BELOW
+from brdfcheck.brdf.values import components
 from brdfcheck.runtime import double_precision
 from brdfcheck.scene.functions import Function, FunctionSurface, brdf_of
 from brdfcheck.scene.furnace import directional_albedo
@@ -76,7 +77,12 @@ class Term(eqx.Module):
             build = family.build if family.surface is None else family.surface
             brdf = build(**({"reflectance": 1.0} if "reflectance" in family.ranges else {}) | parameters)
         elif not isinstance(brdf, (AbstractBRDF, AbstractBSDF)):
-            numbers = {key: float(scalar(value, key, -np.inf)) for key, value in parameters.items()}
+            numbers: dict[str, Any] = {}
+            for key, value in parameters.items():
+                if np.ndim(value) == 1 and 2 <= len(value) <= 4:
+                    numbers |= components(key, [float(scalar(part, key, -np.inf)) for part in value])
+                else:
+                    numbers[key] = float(scalar(value, key, -np.inf))
             brdf = brdf_of(brdf, numbers, reading)
         elif parameters:
             raise TypeError(f"a lobe has its parameters; got {', '.join(parameters)} beside {type(brdf).__name__}")

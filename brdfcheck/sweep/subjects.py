@@ -24,6 +24,7 @@ from brdfcheck.brdf.signatures import Signature, no_parameter, signature_of
 from brdfcheck.brdf.subject import as_target, family_of, named
 from brdfcheck.messages import UsageError
 from brdfcheck.runtime import double_precision
+from brdfcheck.sweep.config import ANGLES
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,8 @@ def _family(source: Source, words: Mapping[str, Any], bounds: Mapping[str, tuple
 
 
 def _needs(source: Source, names: Any, switch: bool = False) -> str:
+    if taken := [name for name in names if name in ANGLES]:
+        return f"{source.name}: the axis {taken[0]} is that of incidence; rename the parameter"
     axis = "[0, 1]" if switch else "{ geomspace = [0.1, 1, 10] }"
     return f"{source.name} needs an axis {', '.join(names)}, as in {names[0]} = {axis} or {names[0]} = 1"
 

@@ -42,10 +42,10 @@ class Report:
     where one holds, and `theorem` says which; else "search", or "single precision" for a search over values in float32, whose
     rounding the error bar holds), `effort`, `points` looked at, `climbs` begun, `settled` (the last scan found nothing higher,
     and no climb was left unfinished that might yet cross 1), and `width`: the widest region that the search may have missed,
-    for each parameter as a part of its range, for "angle" and "azimuth" in degrees, and for "cell" as a part of all ranges at
-    once. `unbounded` says where the albedo grows without bound (`albedo` is then infinite). `channel`: of `channels`, the one
-    with the largest albedo (None: there is one only). `doubt`: of a measured table, what the samples leave open and how much of
-    the error bar that is (None for anything else).
+    for each parameter as a part of its range, for "angle", "azimuth" and "view" (the reflected directions of a function, at one
+    incidence) in degrees, and for "cell" as a part of all ranges at once. `unbounded` says where the albedo grows without bound
+    (`albedo` is then infinite). `channel`: of `channels`, the one with the largest albedo (None: there is one only). `doubt`:
+    of a measured table, what the samples leave open and how much of the error bar that is (None for anything else).
 
     `known`: why what was found is accepted (None: it is not, or nothing was found); `stale`: more is accepted than was found.
     `unread`: the BRDF could not be read, so that nothing was checked; `findings` says why.

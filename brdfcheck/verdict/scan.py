@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brdfcheck.quadrature.anisotropy import CLEAN, TREMORS, apart
-from brdfcheck.quadrature.pointwise import worst_channel
+from brdfcheck.quadrature.frozen import worst_channel
 from brdfcheck.verdict.surface import Surface
 
 # Points of the first scan for no, one, two, and more swept parameters; one more for a BRDF that is anisotropic.
@@ -356,7 +356,7 @@ class Scan:
             elif box.periodic[axis]:
                 gap *= 360.0
             # A user's parameter may have the name of an angle.
-            own = axis < len(box.swept) and name in ("angle", "azimuth", "cell")
+            own = axis < len(box.swept) and name in ("angle", "azimuth", "view", "cell")
             found[f"parameter {name}" if own else name] = gap
         if box.dimension > 1:
             found["cell"] = float(min(1.0, 2.5 * len(places) ** (-1 / box.dimension)))

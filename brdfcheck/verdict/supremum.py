@@ -71,9 +71,9 @@ class Supremum:
     is at least. `above` are the intervals of the single parameter in which some angle exceeds the line (None where they
     were not looked for). `basis`: "theorem" where one holds (`theorem` says which), else "search". `points` were scanned,
     `climbs` begun; `settled` says that the last scan found nothing higher, and that no climb was left unfinished that might
-    yet cross the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle"
-    and "azimuth" in degrees, and "cell" in all at once. `unbounded` says where the albedo grows without bound (value and error
-    are then infinite), `channel` which channel is the largest.
+    yet cross the line. `width`: the widest region that the scan may have missed: by parameter, as a part of its range, "angle",
+    "azimuth" and "view" (the reflected directions of a function) in degrees, and "cell" in all at once. `unbounded` says where
+    the albedo grows without bound (value and error are then infinite), `channel` which channel is the largest.
     """
 
     value: float
@@ -411,7 +411,7 @@ class _Search:
             "theorem": NORMAL_IS_WORST if surface.theorem else never_above if self.bounded else None,
             "points": surface.count,
             "climbs": self.climbs,
-            "width": self.scan.width(self.resolved),
+            "width": (width := self.scan.width(self.resolved)),
         }
         if self.confirm.unbounded is not None:
             self.winner, whither = self.confirm.unbounded
@@ -428,6 +428,7 @@ class _Search:
             promise = float(np.max(self.scan.points.reach[self.doubtful()], initial=-np.inf))
             upper = max(upper, winners.best + self.kept * max(promise - winners.best, 0))
             settled &= not winners.unsettled(self.threshold, self.surface.rise(0.0))
+            width["view"] = surface.view(self.winner)
         if self.bounded:  # whatever the search left open is not above 1
             looked = self.climbs > 0 or not surface.box.dimension or least >= 1 - _TOP
             upper, settled = min(upper, 1.0) if looked else 1.0, True

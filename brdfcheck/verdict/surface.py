@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo, worst_channel
+from brdfcheck.quadrature.frozen import worst_channel
+from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Function
 from brdfcheck.verdict.precision import is_single
@@ -125,6 +126,13 @@ class Surface:
                 return rule(*self._physical(places, limit))
 
         return exact.value, exact.error, near
+
+    def view(self, place: np.ndarray) -> float:
+        """The widest cone of reflected directions (degrees) that the integral at a place of a function has not looked into."""
+        parameters, mu, azimuth = self._physical(place[None], False)
+        with np.errstate(all="ignore"):
+            rule = self.albedo.frozen(parameters[0], float(mu[0]), float(azimuth[0]), self.rtol or self.albedo.best)
+        return float(np.degrees(rule.gap()))
 
     def _physical(self, places: np.ndarray, limit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         parameters, mu, azimuth = self.box.physical(places)

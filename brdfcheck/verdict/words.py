@@ -158,7 +158,7 @@ def width_text(width: Mapping[str, float]) -> str:
     percent = {name: f"{100 * value:.{3 if value > 0.99 else 2}g} %" for name, value in width.items()}
     parts = []
     for name, value in width.items():
-        if name in ("angle", "azimuth"):
+        if name in ("angle", "azimuth", "view"):
             parts.append(f"{value:.2g} deg of the {name}")
         elif name != "cell":
             parts.append(f"{percent[name]} of {'the ' if ' ' in name else ''}{name}")
