@@ -20,8 +20,7 @@ from typing import Any
 
 from brdfcheck.brdf.family import Family, interval
 from brdfcheck.brdf.readers.base import AbstractFile, Reading
-from brdfcheck.brdf.readers.glsl.analytic import Declared
-from brdfcheck.brdf.readers.glsl.errors import Position, did_you_mean
+from brdfcheck.brdf.readers.glsl.errors import did_you_mean
 from brdfcheck.brdf.readers.glsl.kinds import BOOL, FLOAT, INT, Type, Vector
 from brdfcheck.brdf.readers.glsl.knobs import Knob, names_of
 from brdfcheck.brdf.readers.glsl.preprocessor import read_text
@@ -62,17 +61,13 @@ void sampleLightSource(LightData light, vec3 position, out lightshader result)
 
 
 @dataclass(frozen=True)
-class _Parameter:
-    """A number, vector or colour that the generated shader takes.
+class _Parameter(Knob):
+    """A number, vector or colour that the generated shader takes; its node has `default` where nothing is said.
 
-    `usual`: what its node has where nothing is said; `value`: what it is here; `limits`: the uimin and uimax of its node.
+    `limits`: the uimin and uimax of its node.
     """
 
-    name: str
-    type: Type
-    usual: tuple[float, ...]
-    value: tuple[float, ...]
-    limits: tuple[float, float]
+    limits: tuple[float, float] = _OPEN
 
 
 class MaterialXFile(AbstractFile):
@@ -103,9 +98,8 @@ class MaterialXFile(AbstractFile):
                 self._linked[item.getName()] = kind
         self._text, self._parameters, self._images = self._generated(())
         types = {**{item.name: item.type for item in self._parameters}, **self._linked}
-        nowhere = Position(self.path, 0, 0)
         # The inputs of the surface, those of the nodes before it, and their components.
-        self.names = tuple(names_of(Knob(name, kind, ("uniform", 0, ()), nowhere) for name, kind in types.items()))
+        self.names = tuple(names_of(Knob(name, kind) for name, kind in types.items()))
         self.whole = frozenset(name for name, kind in types.items() if kind == INT)
 
     def family(
@@ -125,11 +119,10 @@ class MaterialXFile(AbstractFile):
             for name in ranges:
                 if name.partition(".")[0] == item.name:
                     _within(self.spec, name, ranges[name], item)
-        declared = tuple(Declared(item.name, item.type, None, item.usual, item.value) for item in parameters)
-        file = ShaderFile(f"{self.spec} as GLSL", _NAME, Reading(), Made(text, declared, self.spec))
+        file = ShaderFile(f"{self.spec} as GLSL", _NAME, Reading(), Made(text, tuple(parameters), self.spec))
         family = file.family(ranges, cos_theta, no_parameter)
         # Forty inputs that are what they always are would hide the few that are not.
-        usual = {item.name for item in parameters if item.value == item.usual} - given
+        usual = {item.name for item in parameters if item.plain == item.default} - given
         return dataclasses.replace(
             family, held={key: n for key, n in family.held.items() if key.partition(".")[0] not in usual}
         )
@@ -198,14 +191,14 @@ class MaterialXFile(AbstractFile):
         source = self._inputs.get(name)
         owner = port.getPath().rpartition("/")[0]
         if source is None or owner not in (node.getNamePath(), node.getNodeDef().getName()):
-            return _Parameter(port.getVariable(), _TYPES[kind], value, value, _OPEN)
+            return _Parameter(port.getVariable(), _TYPES[kind], default=value, plain=value)
         usual = self._numbers(name, source.getValueString(), kind)
         own = node.getInput(name)
         if own is None and kind in ("color3", "color4") and any(usual) and "radius" not in name:
             value = (1.0,) * len(usual)
         ends = (source.getAttribute("uimin"), source.getAttribute("uimax"))
         low, high = (self._numbers(name, end, kind)[0] if end else side for end, side in zip(ends, _OPEN, strict=True))
-        return _Parameter(port.getVariable(), _TYPES[kind], usual, value, (low, high))
+        return _Parameter(port.getVariable(), _TYPES[kind], default=usual, plain=value, limits=(low, high))
 
     def _numbers(self, name: str, text: str, kind: str) -> tuple[float, ...]:
         """A value of MaterialX as numbers, zeros where it has none."""

@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from brdfcheck.brdf.readers.glsl.errors import Position, did_you_mean, mistake
-from brdfcheck.brdf.readers.glsl.kinds import BOOL, FLOAT, Type, Vector
+from brdfcheck.brdf.readers.glsl.kinds import BOOL, FLOAT, Vector
+from brdfcheck.brdf.readers.glsl.knobs import Knob
 from brdfcheck.brdf.readers.glsl.operators import BUILTIN_TYPES, RESERVED
 
 _FORMS = "float NAME MIN MAX DEFAULT, bool NAME 0|1, color NAME R G B"
 _SECTIONS = ("parameters", "shader")
 
 
-@dataclass(frozen=True)
-class Declared:
-    """A parameter of the file. `bounds`: its range; `default`, `plain`: a number for each component, as in a `Knob`."""
-
-    name: str
-    type: Type
-    bounds: tuple[float, float] | None
-    default: tuple[float, ...]
-    plain: tuple[float, ...] | None = None
-
-
-def split(text: str, path: str) -> tuple[list[Declared], str]:
+def split(text: str, path: str) -> tuple[list[Knob], str]:
     """The parameters of a file, and its shader, at the lines where it stands in the file. ShaderError for what is wrong."""
     lines = text.split("\n")
     begun: dict[str, int] = {}
     section, first = "", True
-    parameters: list[Declared] = []
+    parameters: list[Knob] = []
     shader = [""] * len(lines)
     for number, line in enumerate(lines, start=1):
         words = line.split("//")[0].split("#")[0].split()
@@ -73,7 +62,7 @@ def _marked(words: list[str], section: str, begun: dict[str, int], at: Position)
     return name
 
 
-def _parameter(words: list[str], line: str, known: set[str], at: Position) -> Declared:
+def _parameter(words: list[str], line: str, known: set[str], at: Position) -> Knob:
     kind, rest = words[0], words[1:]
     counts = {"float": 4, "bool": 2, "color": 4}
     if kind not in counts:
@@ -90,13 +79,13 @@ def _parameter(words: list[str], line: str, known: set[str], at: Position) -> De
     if kind == "bool":
         if numbers[0] not in (0, 1):
             raise mistake(at, f"parameter {name!r}: a bool is 0 or 1; got {rest[1]}")
-        return Declared(name, BOOL, (0.0, 1.0), numbers)
+        return Knob(name, BOOL, (0.0, 1.0), numbers)
     if kind == "color":
-        return Declared(name, Vector("float", 3), None, numbers, (1.0,) * 3)
+        return Knob(name, Vector("float", 3), None, numbers, (1.0,) * 3)
     low, high, default = numbers
     if low > high:
         raise mistake(at, f"parameter {name!r}: MIN must not exceed MAX; got {low:g} > {high:g}")
-    return Declared(name, FLOAT, (low, high), (default,))
+    return Knob(name, FLOAT, (low, high), (default,))
 
 
 def _number(word: str, name: str, line: str, at: Position) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 
 from brdfcheck.brdf.family import interval, no_range, not_whole
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
-from brdfcheck.brdf.readers.glsl.errors import Position
 from brdfcheck.brdf.readers.glsl.kinds import Scalar, Struct, Type, Vector, kind_of
 from brdfcheck.brdf.values import Part
 from brdfcheck.messages import UsageError
@@ -21,22 +20,20 @@ _COMPONENTS = ("xyzw", "rgba")
 
 @dataclass(frozen=True)
 class Knob:
-    """A parameter. `key`: the slot of a uniform, or the place of an argument, and for a field of a struct the way to it.
-
-    `bounds`: its range where the file gives one.
+    """A parameter. `bounds`: its range where the file gives one.
 
     `default`: a number for each component where the file gives any; `plain`: what it is where nothing is said and a file
-    gives no range, as colours are white. `idle`: the BRDF does not depend on it.
+    gives no range, as colours are white. `idle`: the BRDF does not depend on it. `key`: of a compiled shader, the slot of a
+    uniform, or the place of an argument, and for a field of a struct the way to it.
     """
 
     name: str
     type: Type
-    key: tuple[str, int, tuple[int, ...]]
-    position: Position
     bounds: tuple[float, float] | None = None
     default: tuple[float, ...] | None = None
     plain: tuple[float, ...] | None = None
     idle: bool = False
+    key: tuple[str, int, tuple[int, ...]] = ("uniform", 0, ())
 
     @property
     def size(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import AbstractFile, Reading
 from brdfcheck.brdf.readers.glsl import analytic
 from brdfcheck.brdf.readers.glsl.dialect import GLSL, HLSL
-from brdfcheck.brdf.readers.glsl.errors import Position, mistake
+from brdfcheck.brdf.readers.glsl.errors import mistake
 from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Opaque, Type, kind_of
 from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, at_path, fields_of, missing, names_of, placed, settle
 from brdfcheck.brdf.readers.glsl.preprocessor import preprocess, read_text
@@ -77,7 +77,7 @@ class Made:
     """A shader that another reader makes, of GLSL: its text, its parameters, and what it is called in reports."""
 
     text: str
-    parameters: tuple[analytic.Declared, ...]
+    parameters: tuple[Knob, ...]
     spec: str
 
 
@@ -176,10 +176,7 @@ class ShaderFile(AbstractFile):
         knobs: list[Knob] = []
         for uniform in program.uniforms.values():
             if uniform.name in declared:
-                key = ("uniform", uniform.slot, ())
-                item = declared[uniform.name]
-                place = Position(self.path, 0, 0)
-                knobs.append(Knob(item.name, item.type, key, place, item.bounds, item.default, item.plain))
+                knobs.append(replace(declared[uniform.name], key=("uniform", uniform.slot, ())))
             elif not isinstance(uniform.type, Opaque):
                 idle = uniform.slot not in program.used
                 parts = fields_of(uniform.type, uniform.name)
@@ -189,8 +186,7 @@ class ShaderFile(AbstractFile):
                 for name, kind, path in parts or ():
                     start = None if uniform.default is None else at_path(uniform.default, path)
                     default = None if start is None else tuple(map(float, jax.tree.leaves(start)))
-                    key = ("uniform", uniform.slot, path)
-                    knobs.append(Knob(name, kind, key, uniform.position, None, default, None, idle))
+                    knobs.append(Knob(name, kind, None, default, None, idle, ("uniform", uniform.slot, path)))
         return knobs
 
     def _arguments(self, program: Program, routine: Routine, roles: list[str | None]) -> list[Knob]:
@@ -207,8 +203,7 @@ class ShaderFile(AbstractFile):
             if parts is None:
                 what = f"the argument {node.name!r} is a {kind}"
                 raise program.mistake(node.at, f"{what}: only directions, numbers, vectors and structs of them can be given")
-            at = program.source.position(node.at)
-            knobs += [Knob(part, inner, ("argument", place, path), at) for part, inner, path in parts]
+            knobs += [Knob(part, inner, key=("argument", place, path)) for part, inner, path in parts]
         return knobs
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import AbstractFile
-from brdfcheck.brdf.readers.glsl.errors import Position
 from brdfcheck.brdf.readers.glsl.kinds import FLOAT, Vector
 from brdfcheck.brdf.readers.glsl.knobs import Knob, Settings, names_of, settle
 from brdfcheck.brdf.readers.mitsuba.plugin import PlugIn, PlugInBRDF
@@ -61,7 +60,6 @@ class PlugInFile(AbstractFile):
         """The parameters, and by their names Mitsuba's keys for them."""
         knobs: list[Knob] = []
         keys: dict[str, str] = {}
-        place = Position(self.path, 0, 0)
         for key in plugin.knobs.keys():  # noqa: SIM118
             value = plugin.knobs[key]
             name = key.removesuffix(".value")
@@ -73,9 +71,9 @@ class PlugInFile(AbstractFile):
                 continue
             kind = type(value).__name__
             if kind.startswith("Color3") and len(numbers) == 3:
-                knobs.append(Knob(name, _COLOUR, ("uniform", len(knobs), ()), place, default=numbers))
+                knobs.append(Knob(name, _COLOUR, default=numbers))
             elif kind.lower() == "float" and len(numbers) == 1:
-                knobs.append(Knob(name, FLOAT, ("uniform", len(knobs), ()), place, default=numbers))
+                knobs.append(Knob(name, FLOAT, default=numbers))
             else:  # textures and transformations
                 continue
             keys[name] = key
@@ -92,8 +90,7 @@ class PlugInFile(AbstractFile):
                 raise UsageError(no_parameter(self.spec, name, [knob.name for knob in self._knobs]))
         plugin, knobs, keys = self._switched_on(own)
         if plugin.transmits:
-            side = Knob(BELOW, FLOAT, ("uniform", len(knobs), ()), Position(self.path, 0, 0), bounds=(0.0, 1.0))
-            knobs = [*knobs, side]
+            knobs = [*knobs, Knob(BELOW, FLOAT, bounds=(0.0, 1.0))]
         elif BELOW in ranges:
             raise UsageError(f"{self.spec} transmits nothing: light comes from above only, without --over {BELOW}=...")
         settings = settle(knobs, dict(ranges), self.spec, no_parameter)
