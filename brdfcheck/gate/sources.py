@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from brdfcheck.brdf.readers.specs import TABLES, is_file_spec, split_spec
+from brdfcheck.brdf.readers.specs import is_file_spec, split_spec
 
 PURE = frozenset((
     "__future__", "abc", "brdfcheck", "cmath", "collections", "dataclasses", "decimal", "enum", "equinox", "fractions",
@@ -71,7 +71,7 @@ def sources(names: Iterable[str], folders: Iterable[str] = ()) -> dict[str, Path
             found |= _python(path)
         elif suffix in _SHADERS:
             found |= _shader(path, [Path(folder) for folder in folders])
-        elif suffix in (".mtlx", *TABLES):
+        elif suffix in (".mtlx", ".binary", ".bsdf"):
             found[path.name] = path
         else:
             raise Doubt(f"{path} is of a kind whose files are not known")

@@ -36,8 +36,8 @@ class PlugInFile(AbstractFile):
     given is as the plug-in has it, but colours that nobody gave are white.
     """
 
-    def __init__(self, words: str):
-        self._source = find(words)
+    def __init__(self, spec: str):
+        self._source = find(spec.partition(":")[2])
         self.spec, self.files = self._source.spec, self._source.files
         self.path = self.files[0] if self.files else self.spec
         self._knobs, self._keys = self._seen(self._loaded({}))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.readers.base import AbstractFile
+from brdfcheck.brdf.readers.specs import split_spec
 from brdfcheck.brdf.tables import AbstractTable
 from brdfcheck.folders import readable
 from brdfcheck.messages import UsageError, one_line
@@ -33,16 +33,12 @@ def mapped(path: str) -> np.ndarray:
 class AbstractTableFile(AbstractFile):
     """A file with one BRDF and no parameters. `table` is what it holds. UsageError where it is not in its format."""
 
-    def __init__(self, path: str, name: str | None):
+    def __init__(self, spec: str):
+        path, name = split_spec(spec)
         if name is not None:
             raise UsageError(f"{one_line(path)}:{one_line(name)}: a measured file holds one BRDF: give {one_line(path)} alone")
         self.spec, self.path, self.files = path, path, (path,)
-        self.table  # noqa: B018 - what is wrong with the file is said when it is loaded
-
-    @cached_property
-    def table(self) -> AbstractTable:
-        """The BRDF that the file holds."""
-        return self.read(mapped(self.path))
+        self.table = self.read(mapped(path))
 
     @abc.abstractmethod
     def read(self, data: np.ndarray) -> AbstractTable:
