@@ -9,7 +9,8 @@ the box is marked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -404,46 +405,32 @@ def select(condition: Truth, yes: Enclosed, no: Enclosed) -> Enclosed:
     return Enclosed(found.ends, found.slopes, jumps, mask(yes.undefined, no.undefined))
 
 
+def rows_at(arrays: Sequence[np.ndarray], counts: Sequence[int], places: np.ndarray) -> np.ndarray:
+    """Rows of several arrays, one after the other: those at `places`. `counts`: their rows, of which one may stand for all."""
+    width = max(array.shape[1] for array in arrays)
+    rows = [np.broadcast_to(array, (count, width)) for array, count in zip(arrays, counts, strict=True)]
+    return (rows[0] if len(rows) == 1 else np.concatenate(rows))[places]
+
+
+def pairs_at(pairs: Sequence[Pair | None], counts: Sequence[int], places: np.ndarray) -> Pair:
+    """`rows_at` of intervals (None: 0); what has no width has none afterwards."""
+    given = [ZERO if pair is None else pair for pair in pairs]
+    low = rows_at([pair[0] for pair in given], counts, places)
+    return low, low if all(a is b for a, b in given) else rows_at([pair[1] for pair in given], counts, places)
+
+
 def take(parts: list[Enclosed], places: np.ndarray) -> Enclosed:
     """Numbers of several enclosures, one after the other: those at `places`, as one."""
-    width = max(x.shape[1] for part in parts for x in _arrays(part))
+    counts = [len(part.ends[0]) for part in parts]
 
-    def picked(arrays: list[np.ndarray]) -> np.ndarray:
-        if len(arrays) == 1:
-            return arrays[0][places]
-        return np.concatenate([np.broadcast_to(x, (len(x), width)) for x in arrays])[places]
+    def slope(pairs: Sequence[Pair | None]) -> Pair | None:
+        return None if all(pair is None for pair in pairs) else pairs_at(pairs, counts, places)
 
-    def masks(found: list[Mask]) -> Mask:
-        if all(mask is None for mask in found):
+    def mask(masks: Sequence[Mask]) -> Mask:
+        if all(one is None for one in masks):
             return None
-        sized = []
-        for mask, part in zip(found, parts, strict=True):
-            mask = np.zeros((1, 1), bool) if mask is None else mask
-            sized.append(np.broadcast_to(mask, (len(part.ends[0]), mask.shape[1])))
-        return _some(picked(sized))
+        return _some(rows_at([np.zeros((1, 1), bool) if one is None else one for one in masks], counts, places))
 
-    count = max(len(part.slopes) for part in parts)
-    slopes: list[Pair | None] = []
-    for i in range(count):
-        some = [part.slopes[i] if i < len(part.slopes) else None for part in parts]
-        if all(s is None for s in some):
-            slopes.append(None)
-            continue
-        pairs = [_whole(ZERO if s is None else s, part) for s, part in zip(some, parts, strict=True)]
-        slopes.append((picked([s[0] for s in pairs]), picked([s[1] for s in pairs])))
-    low, high = picked([part.ends[0] for part in parts]), None
-    if not all(part.ends[0] is part.ends[1] for part in parts):
-        high = picked([part.ends[1] for part in parts])
-    ends = low, low if high is None else high
-    return Enclosed(ends, tuple(slopes), masks([part.jumps for part in parts]), masks([part.undefined for part in parts]))
-
-
-def _whole(pair: Pair, part: Enclosed) -> Pair:
-    """A slope for each number of a part."""
-    count = len(part.ends[0])
-    return tuple(np.broadcast_to(x, (count, x.shape[1])) for x in pair)  # pyright: ignore[reportReturnType]
-
-
-def _arrays(part: Enclosed) -> list[np.ndarray]:
-    masks = [mask for mask in (part.jumps, part.undefined) if mask is not None]
-    return [*part.ends, *(x for slope in part.slopes if slope is not None for x in slope), *masks]
+    slopes = tuple(map(slope, itertools.zip_longest(*(part.slopes for part in parts))))
+    jumps, undefined = mask([part.jumps for part in parts]), mask([part.undefined for part in parts])
+    return Enclosed(pairs_at([part.ends for part in parts], counts, places), slopes, jumps, undefined)

@@ -8,6 +8,7 @@ that is 1 for a = -1 and b = 0, for a sum the sum of both, for a quotient x/y th
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 
@@ -30,7 +31,7 @@ _HOMOGENEOUS = frozenset(("add", "add_any", "sub", "neg", "abs", "max", "min", "
 class Graded:
     """A value; `rule` encloses its products with powers of the cosines better than factor by factor (None: there is none)."""
 
-    def __init__(self, cosines: _Cosines, value: Value, rule: Callable[[Powers], Pair] | None = None):
+    def __init__(self, cosines: Callable[[Powers], Pair], value: Value, rule: Callable[[Powers], Pair] | None = None):
         self._cosines, self.value, self.rule = cosines, value, rule
         self._known: dict[Powers, Pair] = {}
 
@@ -38,7 +39,7 @@ class Graded:
         """The value times these powers of the cosines."""
         if powers not in self._known:
             ends = as_number(self.value).ends
-            found = e.times(ends, self._cosines.product(powers)) if any(powers) else ends
+            found = e.times(ends, self._cosines(powers)) if any(powers) else ends
             if self.rule is not None and max(map(abs, powers)) <= _HIGHEST:
                 found = _common(found, self.rule(powers))
             self._known[powers] = found
@@ -49,26 +50,12 @@ def _common(a: Pair, b: Pair) -> Pair:
     return np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
 
 
-class _Cosines:
-    """Products of powers of the two cosines, which are not negative."""
-
-    def __init__(self, light: Pair, view: Pair):
-        self._both, self._known = (light, view), {}
-
-    def product(self, powers: Powers) -> Pair:
-        if powers not in self._known:
-            parts = [e.integer_power(Enclosed(c), power).ends for c, power in zip(self._both, powers, strict=True)]
-            low, high = e.times(*parts)
-            self._known[powers] = np.maximum(low, 0), high
-        return self._known[powers]
-
-
 def _opposite(powers: Powers) -> Powers:
     return -powers[0], -powers[1]
 
 
-def _inverse(x: Graded) -> Callable[[Powers], Pair]:
-    return lambda powers: e.inverse(x.times(_opposite(powers)))[0]
+def _inverse(times: Callable[[Powers], Pair]) -> Callable[[Powers], Pair]:
+    return lambda powers: e.inverse(times(_opposite(powers)))[0]
 
 
 def _root(x: Graded) -> Callable[[Powers], Pair]:
@@ -115,21 +102,20 @@ def _rule(step: Step, parts: Sequence[Graded]) -> Callable[[Powers], Pair] | Non
     if name == "sqrt":
         return _root(x)
     if name == "rsqrt":
-        root = _root(x)
-        return lambda powers: e.inverse(root(_opposite(powers)))[0]
+        return _inverse(_root(x))
     if (
         name == "mul" and (zero := _nothing(x) | _nothing(y)).any()
     ):  # whatever it is multiplied by, as of N.L with N = (0, 0, 1)
         inner = _product(x.times, y.times)
         return lambda powers: tuple(np.where(zero, 0.0, end) for end in inner(powers))  # pyright: ignore[reportReturnType]
     if name in ("mul", "div"):
-        second = _inverse(y) if name == "div" else y.times
+        second = _inverse(y.times) if name == "div" else y.times
         if y.rule is None:  # then all powers are better off with the first
             return lambda powers: e.times(x.times(powers), second((0, 0)))
         return _product(x.times, second) if x.rule is not None else lambda powers: e.times(x.times((0, 0)), second(powers))
     if name == "square" or (name == "integer_pow" and power == 2):
         return _product(x.times, x.times)
-    return _inverse(x) if name == "integer_pow" and power == -1 else None
+    return _inverse(x.times) if name == "integer_pow" and power == -1 else None
 
 
 def enclose(
@@ -140,17 +126,18 @@ def enclose(
     parameters: Sequence[Enclosed],
 ) -> Pair:
     """The enclosure of a program's result times the cosine of the view."""
-    cosines = _Cosines(*((part.ends[0][2:], part.ends[1][2:]) for part in (wi, wo)))
+    both = [Enclosed((part.ends[0][2:], part.ends[1][2:])) for part in (wi, wo)]
+
+    @functools.cache
+    def cosines(powers: Powers) -> Pair:
+        """The product of these powers of the two cosines, which are not negative."""
+        low, high = e.times(*(e.integer_power(one, power).ends for one, power in zip(both, powers, strict=True)))
+        return np.maximum(low, 0), high
 
     def direction(part: Enclosed, own: Powers) -> Graded:
         def found(powers: Powers) -> Pair:
-            plain = e.times(part.ends, cosines.product(powers))
-            last = cosines.product((powers[0] + own[0], powers[1] + own[1]))
-            width = max(plain[0].shape[1], last[0].shape[1])
-            rows = [
-                (np.broadcast_to(a[:2], (2, width)), np.broadcast_to(b, (1, width))) for a, b in zip(plain, last, strict=True)
-            ]
-            return np.concatenate(rows[0]), np.concatenate(rows[1])
+            last = cosines((powers[0] + own[0], powers[1] + own[1]))
+            return e.pairs_at([e.times(part.ends, cosines(powers)), last], [3, 1], np.array([0, 1, 3]))
 
         return Graded(cosines, part, found)
 
@@ -161,7 +148,8 @@ def enclose(
         value = taken([part.value for part in parts], places)
         if isinstance(value, Truth) or all(part.rule is None for part in parts):
             return Graded(cosines, value)
-        return Graded(cosines, value, lambda powers: e.take([Enclosed(_rows(part, powers)) for part in parts], places).ends)
+        counts = [len(as_number(part.value).ends[0]) for part in parts]
+        return Graded(cosines, value, lambda powers: e.pairs_at([part.times(powers) for part in parts], counts, places))
 
     def one(step: Step, parts: list[Graded]) -> Graded:
         value = apply(step, [part.value for part in parts], units)
@@ -173,9 +161,3 @@ def enclose(
             return program.run(inputs, constant, take, one).times((0, 1))
         except RecursionError:  # of a program of many steps nothing is known
             return np.array([[-np.inf]]), np.array([[np.inf]])
-
-
-def _rows(part: Graded, powers: Powers) -> Pair:
-    """An enclosure with a row for each number of the value."""
-    count = len(as_number(part.value).ends[0])
-    return tuple(np.broadcast_to(end, (count, end.shape[1])) for end in part.times(powers))  # pyright: ignore[reportReturnType]

@@ -179,9 +179,8 @@ def taken(parts: list[Value], places: np.ndarray) -> Value:
     """Numbers, or conditions, of several values: those at `places`, as one."""
     truths = [part for part in parts if isinstance(part, Truth)]
     if len(truths) == len(parts):
-        sides = [part.may_hold for part in truths], [part.may_fail for part in truths]
-        hold, fail = (e.take([Enclosed((x, x)) for x in side], places).ends[0] for side in sides)
-        return Truth(hold, fail)
+        counts = [len(part.may_hold) for part in truths]
+        return Truth(*e.pairs_at([(part.may_hold, part.may_fail) for part in truths], counts, places))
     return e.take([as_number(part) for part in parts], places)
 
 
