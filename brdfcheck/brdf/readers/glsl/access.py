@@ -47,10 +47,6 @@ class Accesses(Context):
     def combined(self, operator: str, left: Typed, right: Typed, at: int) -> Typed:
         """Two operands and what stands between them."""
 
-    @abc.abstractmethod
-    def value(self, node: syntax.Node) -> Typed:
-        """An expression that has a value."""
-
     # --- elements ---
 
     def _index(self, node: syntax.Index) -> Typed:
@@ -185,7 +181,7 @@ class Accesses(Context):
         combined = self.combined(node.operator[:-1], before, value, node.at)
         if combined.type != target.type and not (self.dialect.spread and self.fits(combined.type, target.type) is not None):
             raise self.mistake(node.at, f"{node.operator!r} would make a {combined.type} of a {target.type}")
-        new = combined.run if combined.type == target.type else converting(combined, target.type)
+        new = converting(combined, target.type)
 
         def run_operator(machine: Machine) -> Any:
             get, put = locate(machine)

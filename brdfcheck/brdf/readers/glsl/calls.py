@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 from typing import Any
 
 import jax
@@ -21,9 +20,10 @@ from brdfcheck.brdf.readers.glsl.scopes import Routine, Typed
 
 
 class Calls(Constructors):
-    """Compiles calls. `calls`: who calls whom, and where."""
+    """Compiles calls. `calls`: who calls whom, and where; `_waiting`: what is called and has to be compiled yet."""
 
     calls: dict[int, list[tuple[Routine, int]]]
+    _waiting: list[Routine]
 
     def call(self, node: syntax.Call) -> Typed:
         """A call of a function or of a constructor, compiled."""
@@ -105,17 +105,12 @@ class Calls(Constructors):
         return None if forth is None else max(forth, back)
 
     def _places(self, ways: Any, types: Any, arguments: list[Typed], node: syntax.Call) -> list[Any]:
-        """What goes in and what finds the places for what comes out, one pair for each argument."""
+        """For each argument what goes in (None: nothing), what finds the place for what comes out, and what makes that fit."""
         found: list[Any] = []
         for way, kind, argument, part in zip(ways, types, arguments, node.arguments, strict=True):
-            into = argument.run if argument.type == kind or way == "out" else converting(argument, kind)
-            if way == "in":
-                found.append((into, None, None))
-                continue
-            locate = self.target(argument, part.at)
-            out = Typed(kind, lambda m: m.operands[-1])
-            back = None if kind == argument.type else converting(out, argument.type)
-            found.append((into, locate, back))
+            into = None if way == "out" else converting(argument, kind)
+            locate = None if way == "in" else self.target(argument, part.at)
+            found.append((into, locate, converting(Typed(kind, lambda m: m.operands[-1]), argument.type)))
         return found
 
     def _builtin(self, form: Builtin, arguments: list[Typed], node: syntax.Call) -> Typed:
@@ -123,37 +118,29 @@ class Calls(Constructors):
         cost = sum(kind.leaves for kind in form.types)
         position = self.source.position(node.at)
         outputs = [(locate, back) for _, locate, back in places if locate is not None]
-        inputs = [into for into, _, _ in places]
-        ways = form.ways
+        inputs = [into for into, _, _ in places if into is not None]
 
-        def plain(machine: Machine) -> Any:
+        def evaluate(machine: Machine) -> Any:
+            spots = [(locate(machine), back) for locate, back in outputs]
             values = [into(machine) for into in inputs]
             machine.spend(position)
             if any(not known(leaf) for value in values for leaf in jax.tree.leaves(value)):
                 machine.traced += cost
-            return run(machine, *values)
-
-        if not outputs:
-            return Typed(form.result, plain)
-
-        def with_outputs(machine: Machine) -> Any:
-            spots = [(locate(machine), back) for locate, back in outputs]
-            values = [into(machine) for into, way in zip(inputs, ways, strict=True) if way != "out"]
-            machine.spend(position)
-            machine.traced += cost
-            results = run(machine, *values)
-            for ((_, put), back), value in zip(spots, results[1:], strict=True):
+            found = run(machine, *values)
+            if not outputs:
+                return found
+            for ((_, put), back), value in zip(spots, found[1:], strict=True):
                 put(_back(machine, back, value))
-            return results[0]
+            return found[0]
 
-        return Typed(form.result, with_outputs)
+        return Typed(form.result, evaluate)
 
     def _user(self, routine: Routine, arguments: list[Typed], node: syntax.Call) -> Typed:
         if routine.body is None:
             raise self.mistake(node.at, f"{routine.name}() is declared and nowhere defined")
         self.calls.setdefault(id(self.caller), []).append((routine, node.at))
         self.names.called(routine)
-        self.wanted(routine, node.at)
+        self.wanted(routine)
         places = self._places(routine.ways, routine.types, arguments, node)
         position = self.source.position(node.at)
 
@@ -161,8 +148,7 @@ class Calls(Constructors):
             machine.spend(position)
             spots = [None if locate is None else locate(machine) for _, locate, _ in places]
             values = [
-                kind.zero() if way == "out" else into(machine)
-                for (into, _, _), kind, way in zip(places, routine.types, routine.ways, strict=True)
+                kind.zero() if into is None else into(machine) for (into, _, _), kind in zip(places, routine.types, strict=True)
             ]
             result = perform(machine, routine, values)
             for spot, (_, _, back), slot in zip(spots, places, routine.slots, strict=True):
@@ -172,14 +158,13 @@ class Calls(Constructors):
 
         return Typed(routine.result, run)
 
-    @abc.abstractmethod
-    def wanted(self, routine: Routine, at: int) -> None:
+    def wanted(self, routine: Routine) -> None:
         """Note that a function has to be compiled."""
+        if routine.compiled is None and not any(item is routine for item in self._waiting):
+            self._waiting.append(routine)
 
 
-def _back(machine: Machine, back: Run | None, value: Any) -> Any:
-    if back is None:
-        return value
+def _back(machine: Machine, back: Run, value: Any) -> Any:
     machine.operands.append(value)
     found = back(machine)
     machine.operands.pop()

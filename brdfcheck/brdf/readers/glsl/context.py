@@ -12,6 +12,7 @@ from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.errors import ShaderError, did_you_mean, mistake
 from brdfcheck.brdf.readers.glsl.kinds import (
+    BOOL,
     MOST_LEAVES,
     NAMED,
     VOID,
@@ -88,8 +89,6 @@ class Context(abc.ABC):
 
     def converted(self, typed: Typed, wanted: Type, at: int, what: str) -> Run:
         """What gives a value as another type, which must be allowed; `what` is it for?"""
-        if typed.type == wanted:
-            return typed.run
         if self.fits(typed.type, wanted) is None:
             raise self.mistake(at, f"{what} must be {wanted}; got {typed.type}")
         return converting(typed, wanted)
@@ -97,17 +96,22 @@ class Context(abc.ABC):
     def condition(self, node: syntax.Node, what: str) -> Run:
         """A truth value."""
         typed = self.typed(node)
-        if typed.type == Scalar("bool"):
-            return typed.run
-        if isinstance(typed.type, Scalar) and typed.type != VOID and self.dialect.spread:
-            return converting(typed, Scalar("bool"))
+        if typed.type == BOOL or (isinstance(typed.type, Scalar) and typed.type != VOID and self.dialect.spread):
+            return converting(typed, BOOL)
         raise self.mistake(node.at, f"{what} must be bool; got {typed.type}")
 
-    # --- what the other parts give ---
+    # --- expressions ---
 
-    @abc.abstractmethod
     def typed(self, node: syntax.Node) -> Typed:
         """An expression, compiled."""
+        return getattr(self, f"_{type(node).__name__.lower()}")(node)
+
+    def value(self, node: syntax.Node) -> Typed:
+        """An expression that has a value."""
+        typed = self.typed(node)
+        if typed.type == VOID:
+            raise self.mistake(node.at, "this function returns nothing")
+        return typed
 
     @abc.abstractmethod
     def call(self, node: syntax.Call) -> Typed:
@@ -120,6 +124,8 @@ _ORDER = ["bool", "int", "uint", "float"]
 def converting(typed: Typed, wanted: Type) -> Run:
     """What gives a value with the components of another type: a number for all of them, or as many as are wanted."""
     run, kind = typed.run, str(kind_of(wanted))
+    if typed.type == wanted:
+        return run
     if isinstance(typed.type, Scalar) and isinstance(wanted, Vector):
         size = wanted.size
         return lambda m: (convert(run(m), kind),) * size

@@ -57,17 +57,6 @@ _RANK = {"bool": 0, "int": 1, "uint": 2, "float": 3}
 class Expressions(Accesses):
     """Compiles expressions."""
 
-    def typed(self, node: syntax.Node) -> Typed:
-        """An expression, compiled."""
-        return getattr(self, f"_{type(node).__name__.lower()}")(node)
-
-    def value(self, node: syntax.Node) -> Typed:
-        """An expression that has a value."""
-        typed = self.typed(node)
-        if typed.type == Scalar("void"):
-            raise self.mistake(node.at, "this function returns nothing")
-        return typed
-
     def _number(self, node: syntax.Number) -> Typed:
         kind = KINDS[node.kind]
         return Typed(Scalar(node.kind), literal(kind(node.value) if node.kind in ("float", "bool") else kind(int(node.value))))
@@ -120,7 +109,7 @@ class Expressions(Accesses):
             if typed.type != BOOL and not (self.dialect.spread and isinstance(typed.type, (Scalar, Vector))):
                 raise self.mistake(node.at, f"'!' takes a bool; got {typed.type}")
             wanted = with_kind(typed.type, "bool")
-            inner = run if kind == "bool" else converting(typed, wanted)
+            inner = converting(typed, wanted)
             return Typed(wanted, lambda m: jax.tree.map(lambda x: np.bool_(not x) if known(x) else ~x, inner(m)))
         if operator == "~":
             if kind not in ("int", "uint"):
@@ -165,8 +154,7 @@ class Expressions(Accesses):
         for side in (left, right):
             if side.type != BOOL and not (self.dialect.spread and isinstance(side.type, Scalar)):
                 raise self.mistake(at, f"{operator!r} takes bool and bool; got {left.type} and {right.type}")
-        a = left.run if left.type == BOOL else converting(left, BOOL)
-        b = right.run if right.type == BOOL else converting(right, BOOL)
+        a, b = converting(left, BOOL), converting(right, BOOL)
 
         def run(machine: Machine) -> Any:
             first = a(machine)
@@ -219,23 +207,16 @@ class Expressions(Accesses):
                 raise self._mismatch(operator, left, right, at)
             sizes = [min(sizes)] * 2
         shape = Vector(kind, max(sizes)) if max(sizes) > 1 else Scalar(kind)
-        a, b = (
-            side.run
-            if kind_of(side.type) == kind and (side.type == shape or isinstance(side.type, Scalar))
-            else converting(side, shape if isinstance(side.type, Vector) else Scalar(kind))
-            for side in (left, right)
-        )
+        a, b = (converting(side, shape if isinstance(side.type, Vector) else Scalar(kind)) for side in (left, right))
         return shape, a, b
 
     def _arithmetic(self, operator: str, left: Typed, right: Typed, at: int) -> Typed:
         if isinstance(left.type, Matrix) or isinstance(right.type, Matrix):
             return self._with_matrix(operator, left, right, at)
-        if operator in ("<<", ">>") and not self.dialect.spread:
-            # The count may be of the other kind.
-            if kind_of(left.type) == "int" and kind_of(right.type) == "uint":
-                right = Typed(with_kind(right.type, "int"), converting(right, with_kind(right.type, "int")))
-            elif kind_of(left.type) == "uint" and kind_of(right.type) == "int":
-                right = Typed(with_kind(right.type, "uint"), converting(right, with_kind(right.type, "uint")))
+        shifted = operator in ("<<", ">>") and {kind_of(left.type), kind_of(right.type)} == {"int", "uint"}
+        if shifted and not self.dialect.spread:  # the count may be of the other kind
+            wanted = with_kind(right.type, str(kind_of(left.type)))
+            right = Typed(wanted, converting(right, wanted))
         shape, a, b = self._shaped(operator, left, right, at)
         whole = kind_of(shape) in ("int", "uint")
         if operator in _WHOLE and not whole and not (operator == "%" and self.dialect.spread):
@@ -285,8 +266,7 @@ class Expressions(Accesses):
             if forth is None and back is None:
                 raise self.mistake(node.at, f"'?:' needs two values of one type; got {yes.type} and {no.type}")
             kind = no.type if back is None or (forth is not None and forth < back) else yes.type
-        first = yes.run if yes.type == kind else converting(yes, kind)
-        second = no.run if no.type == kind else converting(no, kind)
+        first, second = converting(yes, kind), converting(no, kind)
 
         def run(machine: Machine) -> Any:
             mask = condition(machine)

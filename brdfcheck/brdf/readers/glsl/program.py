@@ -54,7 +54,7 @@ class Program(Statements):
         self.uniforms: dict[str, Uniform] = {}
         self._within, self._returned = [], [False]
         self._globals: list[Run] = []
-        self._waiting: list[tuple[Routine, int]] = []
+        self._waiting = []
         nowhere = Position(source.position(0).file, 0, 0)
         for name, kind in given.items():
             slot = self.names.add(name, kind, f"the parameter {name!r} cannot be assigned to").slot
@@ -120,16 +120,12 @@ class Program(Statements):
 
     # --- functions ---
 
-    def wanted(self, routine: Routine, at: int) -> None:
-        if routine.compiled is None and not any(item is routine for item, _ in self._waiting):
-            self._waiting.append((routine, at))
-
     def compile(self, routine: Routine) -> None:
         """A function, and all that it calls. Raises ShaderError."""
         try:
-            self.wanted(routine, routine.node.at)
+            self.wanted(routine)
             while self._waiting:
-                self._compile_one(self._waiting[0][0])
+                self._compile_one(self._waiting[0])
                 self._waiting.pop(0)
             for first in (routine, *(called for called, _ in self.calls.get(id(None), ()))):
                 self._refuse_recursion(first)

@@ -27,15 +27,7 @@ class Statements(Calls):
 
     def block(self, nodes: list[syntax.Node]) -> Run:
         """Statements one after the other, without a scope of their own."""
-        runs = [self.statement(node) for node in nodes]
-
-        def run(machine: Machine) -> None:
-            for part in runs:
-                if machine.active is False:
-                    return
-                part(machine)
-
-        return run
+        return _in_turn([self.statement(node) for node in nodes])
 
     def _do_block(self, node: syntax.Block) -> Run:
         with self.names.inner():
@@ -46,12 +38,7 @@ class Statements(Calls):
             return self.statement(node)
 
     def _do_expression(self, node: syntax.Expression) -> Run:
-        run = self.typed(node.value).run
-
-        def evaluate(machine: Machine) -> None:
-            run(machine)
-
-        return evaluate
+        return self.typed(node.value).run
 
     def _do_if(self, node: syntax.If) -> Run:
         condition = self.condition(node.condition, "the condition of an if")
@@ -119,13 +106,7 @@ class Statements(Calls):
         outside = {"uniform", "in", "out", "inout", "attribute", "varying"} & set(node.qualifiers)
         if outside:
             raise self.mistake(node.at, f"{outside.pop()!r} belongs outside of functions")
-        runs = [self._declared(node, variable) for variable in node.variables]
-
-        def run(machine: Machine) -> None:
-            for part in runs:
-                part(machine)
-
-        return run
+        return _in_turn([self._declared(node, variable) for variable in node.variables])
 
     def _declared(self, node: syntax.Declaration, variable: syntax.Declarator) -> Run:
         if node.type.name == syntax.DEDUCED and variable.value is not None:
@@ -244,6 +225,18 @@ class Statements(Calls):
             raise self.mistake(node.at, f"two labels are {number}")
         seen.add(number)
         return number
+
+
+def _in_turn(runs: list[Run]) -> Run:
+    """What runs one after the other, as long as there are lanes under way."""
+
+    def run(machine: Machine) -> None:
+        for part in runs:
+            if machine.active is False:
+                return
+            part(machine)
+
+    return run
 
 
 def changed_by(calls: list[Routine]) -> set[int]:
