@@ -20,7 +20,6 @@ the number that would have drawn $\omega_m$ from the facets that the light sees.
 from __future__ import annotations
 
 import dataclasses
-from itertools import product
 from typing import Any, final
 
 import equinox as eqx
@@ -119,24 +118,16 @@ class Rgl(AbstractTable):
         low_x, low_y = (jnp.clip(jnp.floor(place * (count - 1)), 0, count - 2) for place, count in ((x, columns), (y, rows)))
         right, up = x * (columns - 1) - low_x, y * (rows - 1) - low_y
         column, row = low_x.astype(int), low_y.astype(int)
-        density, inner, outer = (jnp.asarray(part) for part in (self.density, self.inner, self.outer))
-        total: Any = [0.0] * 9
-        for corner in product(*light):
-            index: Any = 0
-            weight: Any = 1.0
-            for (place, part), count in zip(corner, map(len, self.lights), strict=True):
-                index = index * count + place
-                weight = weight if part is None else weight * part
-            first = (index * rows + row) * columns
-            at = first + column
-            last = first + columns - 1
-            found = [
-                *(density[at + step] for step in (0, 1, columns, columns + 1)),
-                *(inner[place] for place in (at, at + columns, last, last + columns)),
-                outer[index * rows + row],
-            ]
-            total = [one + weight * other for one, other in zip(total, found, strict=True)]
-        p00, p10, p01, p11, before, before_up, whole, whole_up, below = total
+
+        def at(table: Any, *place: Any) -> Array:
+            """What a table holds for this light in a row and a column."""
+            table = jnp.asarray(table)
+            shape = (*map(len, self.lights), *self.density_shape[: len(place)])
+            return looked_up(table, shape, [*light, *([(index, None)] for index in place)], table.dtype)
+
+        p00, p10, p01, p11 = (at(self.density, row + i, column + j) for i in (0, 1) for j in (0, 1))
+        before, before_up, whole, whole_up = (at(self.inner, row + i, j) for j in (column, columns - 1) for i in (0, 1))
+        below = at(self.outer, row)
         # Linear between the rows, and within a patch linear along the row: so the integrals are parabolas.
         left, far = p00 + up * (p01 - p00), p10 + up * (p11 - p10)
         along = before + up * (before_up - before) + right * (left + right / 2 * (far - left)) / (columns - 1)
