@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import importlib.util
 import inspect
 import itertools
 import sys
+import traceback
 from collections.abc import Iterator
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,13 +22,6 @@ from brdfcheck.messages import UsageError, one_line
 _count = itertools.count(1)
 
 
-class _SourceLoader(SourceFileLoader):
-    """Compiles the source each time: a cached file would be stale where two edits fall within one second."""
-
-    def get_code(self, fullname: str) -> Any:
-        return self.source_to_code(self.get_data(self.path), _printable(self.path))
-
-
 def _printable(path: str) -> str:
     """The path without the surrogates that stand for bytes of no encoding, with which JAX names no function."""
     return path.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
@@ -40,19 +32,18 @@ def load_module(path_text: str) -> ModuleType:
     path = Path(path_text)
     with readable(path_text, "a Python file, as in mine.py:brdf"):
         path = path.resolve()
-        if b"\0" in path.read_bytes():
+        source = path.read_bytes()
+        if b"\0" in source:
             raise UsageError(f"cannot import {path_text}: it is not text in UTF-8: it holds zero bytes")
-    name = f"_brdfcheck_user_{next(_count)}_{path.stem}"
-    loader = _SourceLoader(name, str(path))
-    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
+    module = ModuleType(f"_brdfcheck_user_{next(_count)}_{path.stem}")
+    module.__file__, module.__package__ = str(path), ""
+    sys.modules[module.__name__] = module
     try:
         with _importable(path.parent):
-            loader.exec_module(module)
+            # Compiled each time: a cached file would be stale where two edits fall within one second.
+            exec(compile(source, _printable(str(path)), "exec", dont_inherit=True), vars(module))
     except (Exception, SystemExit) as error:
-        del sys.modules[name]
+        del sys.modules[module.__name__]
         raise UsageError(f"cannot import {path_text}: {_import_trouble(error, path)}") from None
     return module
 
@@ -109,13 +100,9 @@ def _import_trouble(error: BaseException, path: Path) -> str:
         where = "" if error.filename in (None, str(path)) else f"{error.filename} "
         line = "" if error.lineno is None else f"line {error.lineno}: "
         return f"{where}{line}{type(error).__name__}: {one_line(error.msg)}"
-    line = None
-    traceback = error.__traceback__
-    while traceback is not None:
-        if traceback.tb_frame.f_code.co_filename == _printable(str(path)):
-            line = traceback.tb_lineno
-        traceback = traceback.tb_next
-    at = "" if line is None else f"line {line}: "
+    frames = traceback.walk_tb(error.__traceback__)
+    lines = [line for frame, line in frames if frame.f_code.co_filename == _printable(str(path))]
+    at = f"line {lines[-1]}: " if lines else ""
     if isinstance(error, SystemExit):
         return f"{at}it calls sys.exit({'' if error.code is None else one_line(repr(error.code))}) while being imported"
     return f"{at}{type(error).__name__}: {one_line(error)}"
