@@ -34,29 +34,12 @@ BUILTIN_TYPES = frozenset(
         *(f"sampler{kind}Shadow" for kind in ("1D", "2D", "Cube", "2DRect", "1DArray", "2DArray")),
     )
 )
+STATEMENTS = ("if", "for", "while", "do", "switch", "return")
+"""Words that begin a statement."""
+JUMPS = ("break", "continue", "discard")
+"""Words that are one."""
 RESERVED = frozenset(
-    [
-        "break",
-        "case",
-        "const",
-        "continue",
-        "default",
-        "discard",
-        "do",
-        "else",
-        "false",
-        "for",
-        "if",
-        "in",
-        "inout",
-        "out",
-        "return",
-        "struct",
-        "switch",
-        "true",
-        "uniform",
-        "while",
-    ]
+    (*STATEMENTS, *JUMPS, "case", "const", "default", "else", "false", "in", "inout", "out", "struct", "true", "uniform")
 )
 """Words that are no names."""
 _MOST_DEPTH = 60

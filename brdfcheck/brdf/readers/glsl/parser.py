@@ -7,7 +7,7 @@ import dataclasses
 from brdfcheck.brdf.readers.glsl import syntax
 from brdfcheck.brdf.readers.glsl.dialect import Dialect
 from brdfcheck.brdf.readers.glsl.lexer import Token
-from brdfcheck.brdf.readers.glsl.operators import Expressions
+from brdfcheck.brdf.readers.glsl.operators import JUMPS, STATEMENTS, Expressions
 from brdfcheck.brdf.readers.glsl.preprocessor import Source
 
 _FOREIGN = frozenset(
@@ -294,9 +294,9 @@ class _Parser(Expressions):
             if not self.accept(";"):
                 name = getattr(found[-1], "name", "")
                 found.append(self._variables([], syntax.TypeName(token.at, name, []), self.name("a name")))
-        elif token.kind == "name" and token.text in ("if", "for", "while", "do", "switch", "return"):
+        elif token.kind == "name" and token.text in STATEMENTS:
             found.append(getattr(self, f"_{token.text}")(self.take().at))
-        elif self.accept("break", "continue", "discard"):
+        elif self.accept(*JUMPS):
             self.expect(";")
             found.append(syntax.Jump(token.at, token.text))
         elif self.is_next("case", "default"):
