@@ -16,9 +16,10 @@ from brdfcheck.brdf.two_sides import BELOW
 from brdfcheck.messages import UsageError
 from brdfcheck.proof import facets, mixtures, surfaces
 from brdfcheck.proof.certificate import Certificate, Ends, of_lobe, reciprocal
-from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, NotProved, cover, peak, written
+from brdfcheck.proof.cover import ABOVE, MOST_BOXES, Claim, LinearFactor, NotProved, cover, peak, written
 from brdfcheck.proof.facets import facets_of, point_of
-from brdfcheck.proof.reading import Lobe, Unknown, built, exact, lobe_of
+from brdfcheck.proof.lobes import Profile
+from brdfcheck.proof.reading import Unknown, built, exact, lobe_of
 
 _FIRST_PART = 1000
 
@@ -114,24 +115,29 @@ def certify_family(family: Family, ranges: Mapping[str, Any] | None = None, *, m
     if len(ends) > 1:
         raise Unknown(f"{family.name}: one parameter may run over a range; got {', '.join(ends)}")
     parameter = next(iter(ends), None) or ("n" if hasattr(brdf.core, "n") else "reflectance")
-    lobe = lobe_of(brdf, family.name, parameter)
+    profile, factor = lobe_of(brdf, family.name)
     if not ends:
         values = np.asarray(getattr(brdf.core, parameter))  # of several channels from the least to the largest
         ends[parameter] = exact(values.min(), parameter), exact(values.max(), parameter)
-    return _lobe(lobe, ends[parameter], normal=family.cos_theta[1] == 1, most=most)
+    return _lobe(profile, factor, parameter, ends[parameter], normal=family.cos_theta[1] == 1, most=most)
 
 
-def _lobe(lobe: Lobe, ends: Ends, *, normal: bool, most: int) -> Certificate:
+def _lobe(profile: Profile, factor: LinearFactor | None, parameter: str, ends: Ends, *, normal: bool, most: int) -> Certificate:
     """The certificate of a lobe. `normal`: normal incidence is one of the angles asked about."""
     low, high = ends
     if low < 0:
-        raise UsageError(f"{lobe.parameter} must be >= 0; got {written(low)}")
-    monotone = lobe.profile.falls_until() >= (math.inf if high is None else high)
-    if lobe.factor is None:
-        if not monotone:
-            raise NotProved(_rises(lobe))
-        return reciprocal(lobe.profile, lobe.parameter, ends)
-    claim = Claim(lobe.profile, lobe.factor)
+        raise UsageError(f"{parameter} must be >= 0; got {written(low)}")
+    rises = None
+    if profile.falls_until() < (math.inf if high is None else high):
+        rises = NotProved(
+            f"the theorem on normal incidence does not apply: {profile.formula} rises with its angle past its first zero"
+            f" for n > {profile.falls_until():g}"
+        )
+    if factor is None:
+        if rises:
+            raise rises
+        return reciprocal(profile, parameter, ends)
+    claim = Claim(profile, factor)
     try:
         pieces = cover(claim, low, high, most)
     except NotProved:
@@ -142,14 +148,7 @@ def _lobe(lobe: Lobe, ends: Ends, *, normal: bool, most: int) -> Certificate:
     if any(piece.side == ABOVE for piece in pieces):
         if not normal:
             raise NotProved("it exceeds 1 at normal incidence, which the range of cos_theta leaves out")
-        return of_lobe(claim, lobe.parameter, ends, pieces, peak(claim, pieces))
-    if not monotone:
-        raise NotProved(_rises(lobe))
-    return of_lobe(claim, lobe.parameter, ends, pieces)
-
-
-def _rises(lobe: Lobe) -> str:
-    return (
-        f"the theorem on normal incidence does not apply: {lobe.profile.formula} rises with its angle past its first zero"
-        f" for n > {lobe.profile.falls_until():g}"
-    )
+        return of_lobe(claim, parameter, ends, pieces, peak(claim, pieces))
+    if rises:
+        raise rises
+    return of_lobe(claim, parameter, ends, pieces)

@@ -8,7 +8,6 @@ into the lobe as it is and whether all else is constant. Constants are the decim
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -47,15 +46,6 @@ _KNOWN = (
 
 class Unknown(UsageError):
     """A BRDF is no formula that the theorems know; it may be a function that boxes can be put around."""
-
-
-@dataclass(frozen=True)
-class Lobe:
-    """A lobe with its factor, over a parameter of this name. `factor`: None for the reciprocal of the albedo."""
-
-    profile: Profile
-    factor: LinearFactor | None
-    parameter: str
 
 
 def built(family: Family) -> Any:
@@ -133,15 +123,15 @@ def multiple_of_pi(value: Any, name: str) -> tuple[Fraction, int]:
     return exact(value, name), 0
 
 
-def lobe_of(brdf: Any, name: str, parameter: str) -> Lobe:
-    """A lobe of this package, perhaps with a factor, as the proofs know it. UsageError for anything else."""
+def lobe_of(brdf: Any, name: str) -> tuple[Profile, LinearFactor | None]:
+    """A lobe of this package and its factor, as the proofs know them (see `factor_of`). UsageError for anything else."""
     core, factor = (brdf.lobe, brdf.factor) if type(brdf) is Normalized else (brdf, None)
     if type(core) is Lambert:
-        return Lobe(ConstantProfile("half"), LinearFactor(Fraction(0), power=1), parameter)
+        return ConstantProfile("half"), LinearFactor(Fraction(0), power=1)
     profile = _profile(core)
     if profile is None:
         raise Unknown(f"{name}: {type(core).__name__} is no lobe that certify knows; it knows {_KNOWN}")
-    return Lobe(profile, factor_of(factor, profile, name), parameter)
+    return profile, factor_of(factor, profile, name)
 
 
 def _profile(core: Any) -> Profile | None:
