@@ -11,17 +11,57 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 import png
+import pytest
+
+from brdfcheck import cli
+from brdfcheck.cli import ExitCode
 
 ROOT = Path(__file__).parent.parent
-Run = Callable[..., tuple[int, str, str]]
-"""The fixture `run`: (exit code, stdout, stderr) of a command."""
+
+
+class Run:
+    """The fixture `run`: commands in this process."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]):
+        self._capsys = capsys
+
+    def __call__(self, *words: str) -> tuple[int, str, str]:
+        """(exit code, stdout, stderr)."""
+        return cli.run(words), *self._capsys.readouterr()
+
+    def passed(self, *words: str) -> str:
+        """What a command prints that ends with 0."""
+        return self._ended(ExitCode.PASSED, words)
+
+    def silent(self, *words: str) -> str:
+        """The same of one that says nothing on stderr."""
+        code, out, err = self(*words)
+        assert (code, err) == (ExitCode.PASSED, ""), out
+        return out
+
+    def failed(self, *words: str) -> str:
+        """What a command prints that ends with 1."""
+        return self._ended(ExitCode.FAILED, words)
+
+    def refused(self, *words: str) -> str:
+        """The line of a command that cannot do what it is asked: it ends with 4 and prints nothing else."""
+        code, out, err = self(*words)
+        assert (code, out) == (ExitCode.USAGE_ERROR, ""), out + err
+        (line,) = err.splitlines()
+        assert line.startswith("brdfcheck: ")
+        return line
+
+    def _ended(self, expected: ExitCode, words: tuple[str, ...]) -> str:
+        code, out, err = self(*words)
+        assert code == expected, out + err
+        return out
 
 
 def strict_json(text: str) -> Any:

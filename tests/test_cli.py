@@ -51,23 +51,19 @@ MINE = """
 
 
 def test_0_where_all_conserve(run: Run) -> None:
-    code, out, err = run("check", "phong")
-    assert code == ExitCode.PASSED
-    lines = out.splitlines()
+    lines = run.silent("check", "phong").splitlines()
     assert "tolerance 1e-9" in lines[0]
     assert lines[1].startswith("phong  CONSERVES  albedo 1.0000000000 +- ")
     assert "  proof: at most 1 in exact arithmetic (brdfcheck certify), " in lines[1]
     assert "angle=" in lines[1]
     assert lines[-1].startswith("1 conserves, 0 violate, 0 undecided in ")
-    assert err == ""
 
 
 def test_1_where_a_planted_factor_is_one_per_cent_too_large(run: Run, mine: str) -> None:
-    code, out, _ = run("check", f"{mine}:planted", "--over", "n=1:50")
-    assert code == ExitCode.FAILED
+    out = run.failed("check", f"{mine}:planted", "--over", "n=1:50")
     assert "VIOLATES   albedo 1.0100000000" in out
     assert "exceeds 1 for n=1..50" in out
-    assert run("check", f"{mine}:exact", "--over", "n=1:50")[0] == ExitCode.PASSED
+    run.passed("check", f"{mine}:exact", "--over", "n=1:50")
 
 
 @pytest.mark.parametrize(("name", "finding"), [("raises", "raised RuntimeError: boom"), ("leaves", "SystemExit: 7")])
@@ -106,9 +102,7 @@ def test_4_where_a_file_cannot_be_written_in_the_end(run: Run, tmp_path: Path, m
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", full)
-    code, _, err = run("list", "--json", str(tmp_path / "out.json"))
-    assert code == ExitCode.USAGE_ERROR
-    assert "No space left on device" in err
+    assert "No space left on device" in run.refused("list", "--json", str(tmp_path / "out.json"))
     assert os.listdir(tmp_path) == []
 
 
@@ -124,8 +118,7 @@ def test_5_where_nothing_is_left(run: Run, tmp_path: Path, command: str) -> None
 
 
 def test_json(run: Run, mine: str, tmp_path: Path) -> None:
-    code, _, _ = run("check", "lambert", f"{mine}:raises", "--tolerance", "1e-8", "--json", str(tmp_path / "results.json"))
-    assert code == ExitCode.FAILED
+    run.failed("check", "lambert", f"{mine}:raises", "--tolerance", "1e-8", "--json", str(tmp_path / "results.json"))
     record = strict_json((tmp_path / "results.json").read_text())
     assert record["schema_version"] == 1
     assert record["settings"]["tolerance"] == 1e-8
@@ -145,8 +138,7 @@ def test_json_on_stdout_stands_alone(run: Run, mine: str) -> None:
 
 def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
-    code, out, _ = run("check", "lambert", f"{mine}:raises")
-    assert code == ExitCode.FAILED
+    out = run.failed("check", "lambert", f"{mine}:raises")
     (line,) = [line for line in out.splitlines() if line.startswith("::error")]
     number = Path(mine).read_text().splitlines().index("def raises(wi, wo):") + 1
     escaped = mine.replace(":", "%3A").replace(",", "%2C")
@@ -159,8 +151,7 @@ def test_github_annotations(run: Run, mine: str, monkeypatch: pytest.MonkeyPatch
 def test_results_do_not_depend_on_the_number_of_workers(run: Run) -> None:
     results = []
     for jobs in "14":
-        code, out, _ = run("check", "-k", "lyon-1", "--jobs", jobs, "--json", "-")
-        assert code == ExitCode.PASSED
+        out = run.passed("check", "-k", "lyon-1", "--jobs", jobs, "--json", "-")
         results.append(json.loads(out)["results"])
         for result in results[-1]:
             del result["seconds"]
@@ -172,8 +163,7 @@ def test_results_do_not_depend_on_the_number_of_workers(run: Run) -> None:
 
 
 def test_audit_reports_and_passes(run: Run, tmp_path: Path) -> None:
-    code, out, _ = run("audit", "-k", "binomial-power-published", "--json", str(tmp_path / "audit.json"))
-    assert code == ExitCode.PASSED
+    out = run.passed("audit", "-k", "binomial-power-published", "--json", str(tmp_path / "audit.json"))
     line = out.splitlines()[1]
     assert "VIOLATES   albedo 1.0016005217" in line
     assert "at n=17.85" in line
@@ -184,8 +174,7 @@ def test_audit_reports_and_passes(run: Run, tmp_path: Path) -> None:
 
 
 def test_list_names_everything(run: Run, tmp_path: Path) -> None:
-    code, out, _ = run("list", "--json", str(tmp_path / "list.json"))
-    assert code == ExitCode.PASSED
+    out = run.passed("list", "--json", str(tmp_path / "list.json"))
     assert [line.split()[0] for line in out.splitlines()] == list(catalog.names())
     record = json.loads((tmp_path / "list.json").read_text())
     assert [entry["name"] for entry in record["entries"]] == list(catalog.names())
@@ -357,6 +346,3 @@ def test_channels_and_growth_without_bound_in_words(reports: list) -> None:
     assert words.albedo_text(endless) == "grows without bound towards n=3 cos=0.5"
     assert words.albedo_text(replace(endless, unbounded=None)) == "infinite"
     assert words.albedo_text(replace(endless, albedo=float("nan"))) == "not a number"
-
-
-# --- the package's public names ---

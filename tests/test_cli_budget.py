@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-
-from brdfcheck.cli.process import run
+from shared import Run
 
 SCENE = """
 size = 16
@@ -29,21 +28,18 @@ def scene(tmp_path):
     return path
 
 
-def test_how_far_it_is_is_said_where_there_is_no_terminal(scene, capsys, monkeypatch):
+def test_how_far_it_is_is_said_where_there_is_no_terminal(scene, run: Run, monkeypatch):
     monkeypatch.setattr("brdfcheck.cli.budget._EVERY", 0)
-    assert run(["budget", str(scene)]) == 0
-    err = capsys.readouterr().err
+    code, _, err = run("budget", str(scene))
+    assert code == 0
     assert f"measuring {scene} with power of R.V (16)\n" in err
     assert f"choosing for {scene}: " in err
 
 
-def test_a_budget_with_all_its_files(scene, tmp_path, capsys):
+def test_a_budget_with_all_its_files(scene, tmp_path, run: Run):
     files = {name: tmp_path / name for name in ("b.json", "chart.svg", "images.png")}
     options = ["--json", str(files["b.json"]), "-o", str(files["chart.svg"]), "--images", str(files["images.png"])]
-    assert run(["budget", str(scene), "--tolerance", "0.5/255", *options]) == 0
-    out = capsys.readouterr()
-    assert out.err == ""
-    lines = out.out.splitlines()
+    lines = run.silent("budget", str(scene), "--tolerance", "0.5/255", *options).splitlines()
     assert lines[0].split()[:3] == ["knob", "chosen", "error,"]
     assert lines[1].startswith("metal")
     assert any(line.startswith("verified") for line in lines)
@@ -69,21 +65,18 @@ def test_a_budget_with_all_its_files(scene, tmp_path, capsys):
         ("[output]", "[room]\nreflectance = 1.2\nemission = 1\n[output]", "room.reflectance: must be below 1; got 1.2"),
     ],
 )
-def test_wrong_scenes(scene, capsys, old, new, message):
+def test_wrong_scenes(scene, run: Run, old, new, message):
     assert old in SCENE
     scene.write_text(SCENE.replace(old, new))
-    assert run(["budget", str(scene)]) == 4
-    error = capsys.readouterr().err
-    assert message in error
-    assert "scene.toml" in error
-    assert error.count("\n") == 1
+    line = run.refused("budget", str(scene))
+    assert message in line
+    assert "scene.toml" in line
 
 
-def test_a_picture_that_does_not_repeat(scene, capsys, monkeypatch):
+def test_a_picture_that_does_not_repeat(scene, run: Run, monkeypatch):
     from brdfcheck.budgets.measure import measure
 
     view = measure(scene).view
     verified = view.verified
     monkeypatch.setattr(type(view), "verified", lambda self, one, image: verified(one, image + 0.1))
-    assert run(["budget", str(scene)]) == 1
-    assert "rendered again, the chosen combination errs" in capsys.readouterr().out
+    assert "rendered again, the chosen combination errs" in run.failed("budget", str(scene))

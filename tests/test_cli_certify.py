@@ -7,9 +7,9 @@ import re
 from pathlib import Path
 
 import pytest
+from shared import Run
 
 from brdfcheck.cli import ExitCode
-from brdfcheck.cli.process import run
 
 MINE = """
 import brdfcheck as b
@@ -41,62 +41,47 @@ def slow(wi, wo):
 """
 
 
-def test_a_proof_is_written_and_verified(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["certify", "blinn-phong-6", "--over", "n=0:inf", "-o", "c.json"]) == ExitCode.PASSED
-    out = capsys.readouterr().out
-    assert out == (
+def test_a_proof_is_written_and_verified(run: Run, here: Path) -> None:
+    assert run.passed("certify", "blinn-phong-6", "--over", "n=0:inf", "-o", "c.json") == (
         "blinn-phong-6  CONSERVES: The directional albedo of (n + 6)/(8 pi) (N.H)^n is at most 1 for every n from 0 to inf at"
         " every angle of incidence.\n"
     )
-    assert run(["certify", "--verify", "c.json"]) == ExitCode.PASSED
-    assert capsys.readouterr().out.startswith("c.json  VERIFIED  CONSERVES: The directional albedo of")
+    assert run.passed("certify", "--verify", "c.json").startswith("c.json  VERIFIED  CONSERVES: The directional albedo of")
     Path("c.json").write_text(Path("c.json").read_text().replace('"A": "6"', '"A": "6.5"'))
-    assert run(["certify", "--verify", "c.json"]) == ExitCode.FAILED
-    assert capsys.readouterr().out.startswith("c.json  REJECTED: ")
+    assert run.failed("certify", "--verify", "c.json").startswith("c.json  REJECTED: ")
 
 
-def test_the_certificate_alone_on_stdout(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["certify", "binomial-power-published", "-o", "-"]) == ExitCode.FAILED
-    captured = capsys.readouterr()
-    record = json.loads(captured.out)
+def test_the_certificate_alone_on_stdout(run: Run) -> None:
+    code, out, err = run("certify", "binomial-power-published", "-o", "-")
+    assert code == ExitCode.FAILED
+    record = json.loads(out)
     assert (record["verdict"], record["point"]["n"]) == ("VIOLATES", "17.85")
-    assert captured.err.startswith("binomial-power-published  VIOLATES: ")
+    assert err.startswith("binomial-power-published  VIOLATES: ")
 
 
-def test_a_users_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("mine.py").write_text(MINE)
-    assert run(["certify", "mine.py:glossy", "--over", "n=1:1000"]) == ExitCode.PASSED
-    assert "(n + 6)/25.2 (N.H)^n" in capsys.readouterr().out
-    assert run(["certify", "mine.py:rising", "--over", "n=1:1000", "-o", "c.json"]) == ExitCode.FAILED
-    assert capsys.readouterr().out.startswith("mine.py:rising  UNDECIDED: the theorem on normal incidence does not apply")
+def test_a_users_file(run: Run, mine: str) -> None:
+    assert "(n + 6)/25.2 (N.H)^n" in run.passed("certify", "mine.py:glossy", "--over", "n=1:1000")
+    out = run.failed("certify", "mine.py:rising", "--over", "n=1:1000", "-o", "c.json")
+    assert out.startswith("mine.py:rising  UNDECIDED: the theorem on normal incidence does not apply")
     assert not Path("c.json").exists()
 
 
-def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("mine.py").write_text(MINE)
-    assert run(["certify", "mine.py:bright", "--over", "k=0:0.45", "-o", "c.json"]) == ExitCode.PASSED
-    text = (
-        "CONSERVES: The directional albedo of the program of mine.py:bright (6 operations) is at most 1 for every k from 0 to"
-    )
-    assert text in capsys.readouterr().out
+def test_a_users_function(run: Run, mine: str) -> None:
+    program = "The directional albedo of the program of mine.py:bright (6 operations) is at"
+    out = run.passed("certify", "mine.py:bright", "--over", "k=0:0.45", "-o", "c.json")
+    assert f"CONSERVES: {program} most 1 for every k from 0 to" in out
     record = json.loads(Path("c.json").read_text())
     assert (record["range"], record["lobe"]["kind"]) == ({"k": ["0", "0.45"], "cos_theta": ["0", "1"]}, "program")
-    assert run(["certify", "--verify", "c.json"]) == ExitCode.FAILED
-    assert "which must be given too: brdfcheck certify FILE.py:OBJECT --verify CERTIFICATE" in capsys.readouterr().out
-    assert run(["certify", "mine.py:bright", "--verify", "c.json"]) == ExitCode.PASSED
-    assert "VERIFIED  CONSERVES" in capsys.readouterr().out
-    assert run(["certify", "mine.py:dull", "--verify", "c.json"]) == ExitCode.USAGE_ERROR
-    assert "mine.py:dull has no parameter" in capsys.readouterr().err
-    assert run(["certify", "mine.py:bright", "--over", "k=0:0.5"]) == ExitCode.FAILED
-    assert "VIOLATES: The directional albedo of the program of mine.py:bright (6 operations) is at least 1.0" in (
-        capsys.readouterr().out
-    )
-    assert run(["certify", "mine.py:bright", "--over", "k=0:0.5", "--cos-theta", "0:0.9"]) == ExitCode.PASSED
-    assert "for every k from 0 to 0.5 at every cos(theta) from 0 to 0.9." in capsys.readouterr().out
+    needed = "which must be given too: brdfcheck certify FILE.py:OBJECT --verify CERTIFICATE"
+    assert needed in run.failed("certify", "--verify", "c.json")
+    assert "VERIFIED  CONSERVES" in run.passed("certify", "mine.py:bright", "--verify", "c.json")
+    assert "mine.py:dull has no parameter" in run.refused("certify", "mine.py:dull", "--verify", "c.json")
+    assert f"VIOLATES: {program} least 1.0" in run.failed("certify", "mine.py:bright", "--over", "k=0:0.5")
+    out = run.passed("certify", "mine.py:bright", "--over", "k=0:0.5", "--cos-theta", "0:0.9")
+    assert "for every k from 0 to 0.5 at every cos(theta) from 0 to 0.9." in out
     # 3/(2 pi): the albedo along the normal is 1, and rounding stands between it and a proof.
-    limit = ["certify", "mine.py:bright", "--over", "k=0.477464829275686", "--seconds", "0.5"]
-    assert run(limit) == ExitCode.FAILED
-    assert "UNDECIDED: after" in (out := capsys.readouterr().out)
+    out = run.failed("certify", "mine.py:bright", "--over", "k=0.477464829275686", "--seconds", "0.5")
+    assert "UNDECIDED: after" in out
     assert re.search(r"the albedo is proved to be at most 1\.\d{4} for k = 0.477464829275686 at every angle", out)
 
 
@@ -115,10 +100,5 @@ def test_a_users_function(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["phong", "-o", "no/c.json"], "cannot write 'no/c.json': the folder"),
     ],
 )
-def test_mistakes(here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
-    Path("mine.py").write_text(MINE)
-    assert run(["certify", *arguments]) == ExitCode.USAGE_ERROR
-    captured = capsys.readouterr()
-    assert message in captured.err
-    assert captured.out == ""
-    assert len(captured.err.splitlines()) == 1
+def test_mistakes(run: Run, mine: str, arguments: list[str], message: str) -> None:
+    assert message in run.refused("certify", *arguments)

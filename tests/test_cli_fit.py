@@ -13,7 +13,6 @@ from shared import Run
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.factors import Factor, Normalized
-from brdfcheck.cli import ExitCode
 from brdfcheck.proof import certify
 from brdfcheck.verdict import Verdict, check
 
@@ -39,16 +38,14 @@ MINE = """
 
 
 def test_plain_text(run: Run) -> None:
-    code, out, err = run("fit", "binomial-power-half")
-    assert (code, err) == (ExitCode.PASSED, "")
+    out = run.silent("fit", "binomial-power-half")
     assert "factor (n + 7.24267604)/26.17000503  (minimax over n=1:1000)" in out
     assert "smallest  albedo 0.9063806983  at n=1, normal incidence" in out
     assert "verdict   CONSERVES over all angles" in out
 
 
 def test_what_has_no_exponent_gets_a_constant(run: Run, mine: str) -> None:
-    code, out, err = run("fit", f"{mine}:grey")
-    assert (code, err) == (ExitCode.PASSED, "")
+    out = run.silent("fit", f"{mine}:grey")
     assert re.search(r"grey  constant 3\.1830988\d+  \(minimax\)\n  to copy   the constant 3\.183  ", out)
     assert "n=1" not in out
 
@@ -91,9 +88,8 @@ def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
 @pytest.mark.slow
 def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "fit.json"
-    code, _, _ = run("fit", "blinn-phong", "--n", "1:100", "--objective", "reciprocal", "--ladder", "--json", str(path))
+    run.passed("fit", "blinn-phong", "--n", "1:100", "--objective", "reciprocal", "--ladder", "--json", str(path))
     record = json.loads(path.read_text())
-    assert code == ExitCode.PASSED
     assert record["command"] == "fit"
     assert record["settings"]["objective"] == "reciprocal"
     (result,) = record["results"]
@@ -108,9 +104,7 @@ def test_json_holds_the_fit_and_its_verdict(run: Run, tmp_path: Path) -> None:
 def test_exports(run: Run, tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"table.{kind}"
     given = f"brdfcheck fit lyon-2-half --n 1:200 --export {kind} {path}"
-    code, out, _ = run(*given.split()[1:])
-    assert code == ExitCode.PASSED
-    assert f"exported  {path}" in out
+    assert f"exported  {path}" in run.passed(*given.split()[1:])
     if kind in ("glsl", "c"):
         text = path.read_text()
         assert given in " ".join(text.replace("//", " ").split())
@@ -127,11 +121,8 @@ def test_exports(run: Run, tmp_path: Path, kind: str) -> None:
 
 
 def test_your_own_lobe(run: Run, mine: str) -> None:
-    code, out, _ = run("fit", f"{mine}:plain", "--n", "1:50")
-    assert code == ExitCode.PASSED
-    assert "factor (n + 2)/6.283185307" in out
-    code, out, _ = run("fit", f"{mine}:negative", "--n", "1:3")
-    assert code == ExitCode.USAGE_ERROR
+    assert "factor (n + 2)/6.283185307" in run.passed("fit", f"{mine}:plain", "--n", "1:50")
+    run.refused("fit", f"{mine}:negative", "--n", "1:3")
 
 
 def test_least_squares_says_that_b_was_enlarged(run: Run) -> None:
@@ -141,12 +132,6 @@ def test_least_squares_says_that_b_was_enlarged(run: Run) -> None:
 
 
 def test_a_family_with_free_parameters_is_refused(run: Run, mine: str) -> None:
-    code, _, err = run("fit", f"{mine}:glossy", "--over", "ks=0:1")
-    assert code == ExitCode.USAGE_ERROR
-    assert "hold ks at one value" in err
-    code, _, err = run("fit", f"{mine}:glossy")
-    assert code == ExitCode.USAGE_ERROR
-    assert "ks must be given" in err
-    code, _, err = run("fit", f"{mine}:raises")
-    assert code == ExitCode.USAGE_ERROR
-    assert "boom" in err
+    assert "hold ks at one value" in run.refused("fit", f"{mine}:glossy", "--over", "ks=0:1")
+    assert "ks must be given" in run.refused("fit", f"{mine}:glossy")
+    assert "boom" in run.refused("fit", f"{mine}:raises")

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
@@ -38,19 +37,11 @@ def _no_display(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-@pytest.fixture
-def mine(here: Path) -> str:
-    (here / "mine.py").write_text(textwrap.dedent(MINE))
-    return "mine.py"
-
-
 # --- what is written ---
 
 
 def test_the_default_is_an_svg_of_the_kinds_name(run: Run, here: Path) -> None:
-    code, out, err = run("plot", "albedo-vs-n", "binomial-power-published", *SMALL)
-    assert (code, err) == (ExitCode.PASSED, "")
-    line, wrote = out.splitlines()
+    line, wrote = run.silent("plot", "albedo-vs-n", "binomial-power-published", *SMALL).splitlines()
     assert line == ("binomial-power-published  exceeds 1 for n=14.303..23.0561  largest 1.001600522 at n=17.8512 angle=0 deg")
     assert wrote == "wrote albedo-vs-n.svg"
     text = (here / "albedo-vs-n.svg").read_text()
@@ -61,7 +52,7 @@ def test_the_default_is_an_svg_of_the_kinds_name(run: Run, here: Path) -> None:
 @pytest.mark.parametrize(("suffix", "head"), [(".pdf", b"%PDF"), (".PNG", b"\x89PNG")])
 def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: bytes) -> None:
     words = ("plot", "albedo-vs-angle", "phong", "--n", "1,10", *SMALL, "-o", f"x{suffix}")
-    assert run(*words)[0] == ExitCode.PASSED
+    run.passed(*words)
     first = (here / f"x{suffix}").read_bytes()
     assert first.startswith(head)
     run(*words)
@@ -71,13 +62,11 @@ def test_the_suffix_chooses_the_format(run: Run, here: Path, suffix: str, head: 
 @pytest.mark.parametrize("kind", few(["albedo-vs-n", "albedo-vs-angle", "heatmap", "factor"], ("factor",)))
 def test_every_kind_from_names_and_again_from_its_record(run: Run, here: Path, kind: str) -> None:
     words = ("plot", kind, "blinn-phong-8", "binomial-power-half", "--n", "1:100", *SMALL)
-    code, out, err = run(*words, "--json", "r.json")
-    assert (code, err) == (ExitCode.PASSED, "")
-    assert out.splitlines()[-2:] == [f"wrote {kind}.svg", "wrote r.json"]
+    assert run.silent(*words, "--json", "r.json").splitlines()[-2:] == [f"wrote {kind}.svg", "wrote r.json"]
     record = json.loads((here / "r.json").read_text())
     assert record["settings"]["over"] == {"n": [1.0, 100.0]}
     assert {result["kind"] for result in record["results"]} == {kind}
-    assert run("plot", kind, "r.json", "-o", "again.svg")[0] == ExitCode.PASSED
+    run.passed("plot", kind, "r.json", "-o", "again.svg")
     assert (here / "again.svg").read_bytes() == (here / f"{kind}.svg").read_bytes()
 
 
@@ -89,8 +78,7 @@ def test_a_record_is_plotted_without_jax(here: Path) -> None:
 
 
 def test_names_with_different_ranges_share_one(run: Run, here: Path) -> None:
-    code, out, _ = run("plot", "albedo-vs-n", "phong", "binomial-power-half", *SMALL)
-    assert code == ExitCode.PASSED
+    out = run.passed("plot", "albedo-vs-n", "phong", "binomial-power-half", *SMALL)
     assert out.startswith("n=1:1000, the range that all have")
 
 
@@ -98,8 +86,7 @@ def test_all_that_a_file_offers(run: Run, here: Path) -> None:
     """As `check` takes it; what is named twice is there once."""
     flat = "def {}(wi, wo):\n    return 0.25 + 0 * wo[..., 2]\n"
     (here / "flat.py").write_text(flat.format("one") + flat.format("two"))
-    code, out, err = run("plot", "albedo-vs-angle", "flat.py:*", "phong", "flat.py:two", "--n", "3", *SMALL, "--json", "r.json")
-    assert (code, err) == (ExitCode.PASSED, "")
+    out = run.silent("plot", "albedo-vs-angle", "flat.py:*", "phong", "flat.py:two", "--n", "3", *SMALL, "--json", "r.json")
     assert [line.split("  ")[0] for line in out.splitlines()[:-2]] == ["flat.py:one", "flat.py:two", "phong n=3"]
 
 
@@ -107,18 +94,15 @@ def test_a_fit_and_a_sweep(run: Run, here: Path) -> None:
     result = {"name": "blinn-phong", "objective": "minimax", "n": [1, 100], "factor": {"form": "Factor", "A": 8.0, "B": 26.7}}
     document = {"schema": "brdfcheck-results", "schema_version": 1, "command": "fit", "results": [result]}
     (here / "fit.json").write_text(json.dumps(document))
-    code, out, _ = run("plot", "factor", "fit.json", "blinn-phong-6", "--n", "1:100", *SMALL)
-    assert code == ExitCode.PASSED
+    out = run.passed("plot", "factor", "fit.json", "blinn-phong-6", "--n", "1:100", *SMALL)
     assert out.splitlines()[0].startswith("blinn-phong, minimax  exceeds 1 for n=")
     (here / "sweep.toml").write_text(
         'brdf = "binomial-power-published"\n[axes]\nn = { geomspace = [1, 100, 25] }\ncos_theta = [0.0, 0.5, 1.0]\n'
     )
-    assert run("sweep", "sweep.toml", "--out", "s.zarr")[0] == ExitCode.PASSED
-    code, out, _ = run("plot", "albedo-vs-n", "s.zarr")
-    assert code == ExitCode.PASSED
-    assert "exceeds 1 for n=14." in out
-    assert run("plot", "heatmap", "s.zarr")[0] == ExitCode.PASSED
-    code, out, _ = run("plot", "albedo-vs-angle", "s.zarr", "--n", "1,100")
+    run.passed("sweep", "sweep.toml", "--out", "s.zarr")
+    assert "exceeds 1 for n=14." in run.passed("plot", "albedo-vs-n", "s.zarr")
+    run.passed("plot", "heatmap", "s.zarr")
+    out = run.passed("plot", "albedo-vs-angle", "s.zarr", "--n", "1,100")
     assert [line.split("  ")[0].rpartition(" ")[2] for line in out.splitlines()[:2]] == ["n=1", "n=100"]
 
 
@@ -126,10 +110,9 @@ def test_a_fit_and_a_sweep(run: Run, here: Path) -> None:
 
 
 def test_show_needs_a_display(run: Run, here: Path) -> None:
-    code, out, err = run("plot", "albedo-vs-n", "phong", "--show")
     if sys.platform.startswith("linux"):
-        assert (code, out) == (ExitCode.USAGE_ERROR, "")
-        assert err == "brdfcheck: --show: there is no display; leave it out and open the file that is written\n"
+        said = run.refused("plot", "albedo-vs-n", "phong", "--show")
+        assert said == "brdfcheck: --show: there is no display; leave it out and open the file that is written"
         assert os.listdir(here) == []
 
 
@@ -140,13 +123,13 @@ def test_show_opens_a_window_and_writes_nothing(run: Run, here: Path, monkeypatc
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(plt, "get_backend", lambda: "TkAgg")
     monkeypatch.setattr(plt, "show", lambda: shown.append(plt.gcf().canvas.manager.canvas.figure.axes[0].get_xlabel()))
-    code, out, _ = run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--show")
-    assert (code, shown) == (ExitCode.PASSED, ["exponent n"])
-    assert "wrote" not in out
+    words = ("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--show")
+    assert "wrote" not in run.passed(*words)
+    assert shown == ["exponent n"]
     assert os.listdir(here) == []
     assert plt.get_fignums() == []
     monkeypatch.setattr(plt, "get_backend", lambda: "agg")
-    code, out, err = run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--show", "-o", "x.svg")
+    code, _, err = run(*words, "-o", "x.svg")
     assert code == ExitCode.USAGE_ERROR
     assert "no toolkit for windows" in err
     assert os.listdir(here) == ["x.svg"]
@@ -180,18 +163,14 @@ def test_4_for_what_cannot_be_plotted(run: Run, mine: str, here: Path, words: tu
 def test_options_that_a_record_cannot_answer(run: Run, here: Path) -> None:
     run("plot", "albedo-vs-n", "phong", "--n", "1:10", *SMALL, "--json", "r.json")
     for option in (("--n", "1:2"), ("--cos-theta", "1"), ("--samples", "9")):
-        code, _, err = run("plot", "albedo-vs-n", "r.json", *option)
-        assert code == ExitCode.USAGE_ERROR
-        assert "a record holds what was computed" in err
+        assert "a record holds what was computed" in run.refused("plot", "albedo-vs-n", "r.json", *option)
 
 
 # --- studies ---
 
 
 def test_study_list(run: Run, here: Path) -> None:
-    code, out, err = run("study", "list")
-    assert (code, err) == (ExitCode.PASSED, "")
-    first = out.splitlines()
+    first = run.silent("study", "list").splitlines()
     assert {"raw_albedo", "normalized_albedo", "published_claims", "incidence"} <= {line.split()[0] for line in first}
     (line,) = [line for line in first if line.startswith("raw_albedo ")]
     assert "reflect more than it receives?" in line
@@ -230,8 +209,7 @@ def test_one_study_that_fails_does_not_stop_the_others(run: Run, here: Path, mon
     bad.write_text('"""Why?\n\nAnswer: because.\n"""\ndef run(size):\n    raise RuntimeError("boom")\nplot = summary = run\n')
     chosen = {"bad": studies.Study("bad", bad, "Why?", "because."), "raw_albedo": known["raw_albedo"]}
     monkeypatch.setattr(studies, "find", lambda: chosen)
-    code, out, _ = run("study", "all", "--size", "small")
-    assert code == ExitCode.FAILED
+    out = run.failed("study", "all", "--size", "small")
     assert "bad  failed: RuntimeError: boom\n" in out
     assert "wrote reports/raw_albedo: record.json" in out
     assert re.search(r"^1 of 2 studies in 0\.\d minutes$", out, re.MULTILINE)

@@ -15,7 +15,7 @@ from shared import Run, python
 
 import brdfcheck
 from brdfcheck import cli
-from brdfcheck.cli import ExitCode, words
+from brdfcheck.cli import words
 from brdfcheck.messages import UsageError, written
 
 COMMANDS = ("check", "init", "audit", "view", "certify", "fit", "table", "plot", "sweep", "render", "budget", "study", "list")
@@ -186,10 +186,7 @@ def test_4_and_one_line_for_bad_words(run: Run, here: Path, command: str, line: 
     (here / "binary.toml").write_bytes(b"\xff\xfe")
     (here / "broken.toml").write_text("size = ")
     before = set(os.listdir(here))
-    code, out, err = run(*command.split(), *line.split())
-    assert (code, out) == (ExitCode.USAGE_ERROR, "")
-    (said,) = err.splitlines()
-    assert said.startswith("brdfcheck: ")
+    said = run.refused(*command.split(), *line.split())
     assert message in said
     assert said.isprintable()
     assert set(os.listdir(here)) == before
@@ -272,8 +269,7 @@ def test_small_grammars() -> None:
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 @pytest.mark.parametrize("option", ["--help", "-h"])
 def test_help_has_examples_and_what_is_allowed(run: Run, command: str, option: str) -> None:
-    code, out, err = run(*command.split(), option)
-    assert (code, err) == (ExitCode.PASSED, "")
+    out = run.silent(*command.split(), option)
     assert "Examples:" in out
     assert f"  brdfcheck {command or 'check'}" in out
     assert max(map(len, out.splitlines())) <= 100

@@ -18,7 +18,6 @@ from brdfcheck import load
 from brdfcheck.brdf.callables import Evaluator
 from brdfcheck.brdf.readers.base import Reading
 from brdfcheck.brdf.subject import resolve
-from brdfcheck.cli import ExitCode
 from brdfcheck.messages import UsageError
 from brdfcheck.verdict.box import Box
 
@@ -408,9 +407,7 @@ vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y)
 def test_check_on_the_command_line(tmp_path: Path, run: Run) -> None:
     path = write(tmp_path, HALVED.replace("* L.x", "/ 64.0").replace("+ V.y * X.x + Y.y * N.z", ""), "a.brdf")
     held = ("--over", "n=4", "--over", "halved=0", "--over", "tint=1,0.5,0.25", "--effort", "quick")
-    code, out, _ = run("check", path, *held, "--json", "-")
-    record = json.loads(out)
-    assert code == ExitCode.PASSED
+    record = json.loads(run.passed("check", path, *held, "--json", "-"))
     (result,) = record["results"]
     assert (result["file"], result["line"], result["verdict"]) == (path, 10, "CONSERVES")
     assert result["albedo"] == pytest.approx(2 * 4 / 64 * np.pi, rel=1e-9)  # k = 2 of its range
@@ -423,9 +420,7 @@ def test_check_of_a_function_with_options(tmp_path: Path, run: Run) -> None:
     path = write(tmp_path, text)
     words = ["check", f"{path}:f", "--over", "k=0:0.75", "--args", "V,L,k", "--returns", "brdf*cos", "-D", "TWICE=2.0"]
     words += ["-I", str(tmp_path / "inc"), "--effort", "quick", "--cos-theta", "0.5", "--json", "-"]
-    code, out, _ = run(*words)
-    record = json.loads(out)
-    assert code == ExitCode.FAILED
+    record = json.loads(run.failed(*words))
     assert record["results"][0]["albedo"] == pytest.approx(1.5, rel=1e-9)
     assert record["settings"]["reading"]["returns"] == "brdf*cos"
 
@@ -437,10 +432,7 @@ def test_mistakes_on_the_command_line(tmp_path: Path, run: Run) -> None:
         ((f"{path}:f", "--args", "L,N"), "--args: must name the arguments in order, L and V among them"),
         ((f"{path}:f", "-D", "2x"), "must be NAME or NAME=VALUE"),
     ):
-        code, out, err = run("check", *words)
-        assert code == ExitCode.USAGE_ERROR
-        assert message in err
-        assert (out, err.count("\n")) == ("", 1)
+        assert message in run.refused("check", *words)
 
 
 def test_line_ends_of_any_system(tmp_path: Path) -> None:

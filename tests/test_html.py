@@ -21,7 +21,6 @@ import brdfcheck
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.subject import load
-from brdfcheck.cli import ExitCode
 from brdfcheck.cli.output import has_display
 from brdfcheck.fits.slices import AZIMUTH, Axis, Slices, slices
 from brdfcheck.output.html import Entry, heading, page
@@ -195,8 +194,7 @@ def test_headings() -> None:
 
 
 def test_check_and_view_write_a_page(run: Any, here: Path) -> None:
-    code, out, _ = run("view", "binomial-power-published", "blinn-phong-6", "--effort", "quick", "--no-open", "-o", "page.html")
-    assert code == ExitCode.FAILED
+    out = run.failed("view", "binomial-power-published", "blinn-phong-6", "--effort", "quick", "--no-open", "-o", "page.html")
     assert f"page.html: open it in a browser: {(here / 'page.html').as_uri()}" in out
     text = (here / "page.html").read_text()
     assert len(text.encode()) < 300_000
@@ -209,8 +207,7 @@ def test_check_and_view_write_a_page(run: Any, here: Path) -> None:
 
 def test_a_page_of_what_cannot_be_evaluated(run: Any, here: Path) -> None:
     (here / "mine.py").write_text("def broken(wi, wo):\n    raise RuntimeError('<no>')\n")
-    code, _, _ = run("check", "mine.py:broken", "--html", "page.html")
-    assert code == ExitCode.FAILED
+    run.failed("check", "mine.py:broken", "--html", "page.html")
     text = (here / "page.html").read_text()
     assert "RuntimeError: &lt;no&gt;" in text
     assert "mine.py:broken is undecided" in text
@@ -231,8 +228,7 @@ def test_sweep_writes_a_page(run: Any, here: Path) -> None:
         'brdf = ["phong-pdf", "binomial-power-published"]\n[axes]\nn = { geomspace = [1, 1000, 60] }\n'
         "cos_theta = { linspace = [0.1, 1, 5] }\n"
     )
-    code, _, err = run("sweep", "config.toml", "--out", "store", "--html", "page.html")
-    assert code == ExitCode.PASSED, err
+    run.passed("sweep", "config.toml", "--out", "store", "--html", "page.html")
     text = (here / "page.html").read_text()
     entries = json.loads(re.findall(r'id="data">(.*?)</script>', text, re.S)[0])
     assert [len(entry["rows"]["values"]) for entry in entries] == [48, 48]
