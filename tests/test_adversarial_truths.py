@@ -63,7 +63,6 @@ def hemispheres() -> list[tuple[np.ndarray, np.ndarray]]:
 
 def albedo_about_spot(case: Case, cosine: float, azimuth: float) -> float:
     """The albedo of a BRDF that is constant outside its spot: a polar rule about the axis of that."""
-    assert case.spot is not None
     theta, turn, width = case.spot
     wi, axis = direction(cosine, azimuth), direction(np.cos(theta), turn)
     along = np.array([np.cos(theta) * np.cos(turn), np.cos(theta) * np.sin(turn), -np.sin(theta)])

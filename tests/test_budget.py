@@ -99,8 +99,6 @@ def test_the_choice_is_monotone_and_does_not_depend_on_what_was_asked_before(mad
     chosen = [(t, search.best(Fault(t, energy))) for t in sorted(tolerances)]
     assert [backwards.best(Fault(t, energy)) for t in sorted(tolerances, reverse=True)] == [one for _, one in reversed(chosen)]
     for (_, tight), (_, loose) in itertools.pairwise(chosen):
-        assert tight is not None
-        assert loose is not None
         assert search.cost(loose) <= search.cost(tight)
         assert search.error(tight).pixel <= search.error(loose).pixel or search.cost(loose) < search.cost(tight)
         # As a tighter one never errs more:
@@ -248,7 +246,6 @@ def test_a_box_around_the_object_is_all_that_needs_shading(camera, shape):
     compiler = Compiler(scene)
     full, part = (knobs.plan_of(scene, {"window": rung}) for rung in reversed(window.rungs))
     assert full.window is None
-    assert part.window is not None
     top, bottom, left, right = part.window
     covered = np.argwhere(compiler.picture(full).covered)
     np.testing.assert_array_less([top - 1, left - 1], covered.min(axis=0))
@@ -427,8 +424,6 @@ def test_an_energy_that_matters_is_kept(glossy):
     search = Search(glossy.search.own, lambda one: 1.0 + sum(one), glossy.search.picture)
     loose = search.best(Fault(0.2, math.inf))
     tight = search.best(Fault(0.2, 1e-3))
-    assert loose is not None
-    assert tight is not None
     assert search.error(tight).energy <= 1e-3 < search.error(loose).energy
     assert search.cost(loose) < search.cost(tight)
 

@@ -450,10 +450,8 @@ def test_what_a_scan_sees_of_a_function_is_kept():
     assert (albedo.seen.smallest, albedo.seen.nonfinite) == (None, 0)
     albedo.estimate(np.zeros((2, 0)), np.array([0.8, 0.3]), np.zeros(2), 0)
     low, bad = albedo.seen.smallest, albedo.seen.first_nonfinite
-    assert low is not None
     assert (low.value, low.parameters) == (-0.25, ())
     assert low.wi[2] == pytest.approx(0.3)
-    assert bad is not None
     assert bad.wo[0] > 0.95
     assert 0 < albedo.seen.nonfinite < albedo.seen.values
 

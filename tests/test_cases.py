@@ -461,7 +461,6 @@ def test_case(case: Case) -> None:
     assert (report.channel, report.channels) == (case.channel if report.points else (None, 1)), text
     assert re.search(case.text, text), text
     if case.above is not None:
-        assert report.above is not None
         assert report.above == (pytest.approx(case.above, abs=1e-3),), text
     assert report.passed is bool(report) is (report.verdict is CONSERVES and not case.found), text
 

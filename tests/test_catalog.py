@@ -46,7 +46,6 @@ def test_validated_entries_conserve_and_have_no_defect(name: str) -> None:
     assert all(transmits and note.startswith("light from above: R = ") for note in report.notes)
     assert len(report.notes) == transmits
     assert report.passed
-    assert report.side is not None
     assert report.side.passed
     # Of the whole range of angles, not of the worst place alone; of a boundary, which a theorem decides, it reaches up to 1.
     assert report.error <= 4e-10 or (transmits and report.albedo + report.error <= 1)
@@ -117,7 +116,6 @@ def test_claims_come_out_as_they_must(name: str) -> None:
     # The albedo at the place that is named is the one that is named.
     there = albedo(catalog.entry(name).family.build(**report.parameters), report.cos_theta)
     assert float(there.value) == pytest.approx(report.albedo, rel=1e-8)
-    assert report.above is not None
     assert len(report.above) == len(above)
     for interval, expected in zip(report.above, above, strict=True):
         assert interval == expected

@@ -56,8 +56,6 @@ def test_a_factor_near_the_optimum_is_proved(run: Run, name: str) -> None:
     out = run("fit", name)[1]
     best = re.search(r"factor \(n \+ ([\d.]+)\)/([\d.]+)", out)
     safe = re.search(r"  proved    \(n \+ ([\d.]+)\)/([\d.]+)  has E <= 1 at every angle and n of the range", out)
-    assert best
-    assert safe
     a, b = float(safe[1]), float(safe[2])
     assert np.allclose([a, b], [float(best[1]), float(best[2])], rtol=2e-9)
     lobe = type(catalog.entry(name).family.build(n=1.0).core)
@@ -71,7 +69,6 @@ def test_no_proof_is_claimed_where_there_is_none(run: Run) -> None:
 @pytest.mark.parametrize("name", few(["binomial-power-half", "schlick-mirror", "lyon-1-mirror", "phong"], ("schlick-mirror",)))
 def test_the_constants_to_copy_conserve(run: Run, name: str) -> None:
     found = re.search(r"A = (-?[\d.]+), B = ([\d.]+)", run("fit", name)[1])
-    assert found
     a, b = float(found[1]), float(found[2])
     brdf = catalog.entry(name).family.build(n=1.0)
 

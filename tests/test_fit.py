@@ -49,7 +49,6 @@ def optimum(name: str, low: float, high: float) -> tuple[float, float, float]:
     brdf = catalog.entry(name).family.build(n=1.0)
     lobe = brdf.lobe if isinstance(brdf, Normalized) else brdf
     factor = exact_factor(lobe)
-    assert factor is not None
     raw = 1 / np.asarray(factor(n))
     column, ones = np.stack([n / high * raw, raw], axis=1), np.ones((n.size, 1))
     rows = np.block([[column, 0 * ones], [-column, ones]])

@@ -52,14 +52,10 @@ def test_a_project_is_found_from_its_folders(write: Write, here: Path, monkeypat
     (here / ".git").mkdir()
     assert config.find() is None
     write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "mine.py:bright"\n')
-    found = config.find()
-    assert found is not None
-    assert found.requests()[0].names == (os.path.join("..", "..", "mine.py:bright"),)
+    assert config.find().requests()[0].names == (os.path.join("..", "..", "mine.py:bright"),)
     monkeypatch.chdir(here / "deep")
     write("pyproject.toml", '[[tool.brdfcheck.subjects]]\ntarget = "deep/mine.py:f"\n')
-    found = config.find()
-    assert found is not None
-    assert found.requests()[0].names == ("mine.py:f",), "as seen from here, not by way of the root"
+    assert config.find().requests()[0].names == ("mine.py:f",), "as seen from here, not by way of the root"
     monkeypatch.chdir(here / "deep" / "er")
     (here / "deep" / ".git").mkdir()
     assert config.find() is None
@@ -95,7 +91,6 @@ def test_what_a_subject_says_is_what_is_asked(write: Write) -> None:
         """,
     )
     found = config.find()
-    assert found is not None
     (request,) = found.requests(tolerance=1e-3)
     ranges = {"n": (1, 5), "ks.r": (1, 1), "ks.g": (0.5, 0.5), "ks.b": (0.2, 0.2), "on": (1, 1), "m": (3, 3)}
     assert dict(request.over) == ranges
@@ -149,7 +144,6 @@ def test_a_new_check_may_be_known(write: Write, monkeypatch: pytest.MonkeyPatch)
         config.read(path)
     monkeypatch.setitem(CHECKS, "bright", CHECKS["positive"])
     gate = config.read(path)
-    assert gate is not None
     assert gate.requests()[0].expect.findings == ["bright", "other"]
 
 
@@ -411,7 +405,6 @@ def test_code_hosts_get_a_place_for_every_subject_as_seen_from_the_repository(
 def test_a_file_that_cannot_be_edited_is_left_alone(write: Write, text: str, name: str) -> None:
     path = write("pyproject.toml", f"[tool.brdfcheck]\n{text}" if name else f'{text}[[tool.brdfcheck.subjects]]\ntarget="a"\n')
     gate = config.read(path)
-    assert gate is not None
     if name:
         with pytest.raises(UsageError, match=f"change the subjects yourself, of {name}: expect = {{ violates = 1.5, reason"):
             updated(gate, {0: known(violates=1.5)})
@@ -425,7 +418,6 @@ def test_a_file_of_windows_stays_one(write: Write, mark: str) -> None:
     path = write("brdfcheck.toml", "")
     path.write_bytes((mark + GATE.replace("\n", "\r\n")).encode())
     gate = config.read(path)
-    assert gate is not None
     text = updated(gate, {1: known(violates=1.5)})
     (line,) = [line for line in text.split("\r\n") if line.startswith("expect")]
     assert text.replace(f"{line}\r\n", "").encode() == path.read_bytes()
@@ -433,7 +425,6 @@ def test_a_file_of_windows_stays_one(write: Write, mark: str) -> None:
 
 def test_what_is_needed_holds_every_report_of_a_subject(reports: dict[str, Any]) -> None:
     found = needed(list(reports.values()), None)
-    assert found is not None
     assert found.violates == pytest.approx(reports["one_way"].albedo)
     assert found.findings == ["reciprocal"]
     assert needed([reports["matt"]], found) is None
@@ -505,9 +496,7 @@ def test_init_adds_to_a_pyproject(run: Run, write: Write, here: Path) -> None:
     path = write("pyproject.toml", '[project]\nname = "x"  # kept')
     run.passed("init")
     assert path.read_text().startswith('[project]\nname = "x"  # kept\n\n#')
-    found = config.find()
-    assert found is not None
-    assert [subject.target for subject in found.document.subjects] == ["mine.py:bright"]
+    assert [subject.target for subject in config.find().document.subjects] == ["mine.py:bright"]
     assert "pyproject.toml lists the BRDFs" in run("init")[2]
     for name in ("mine.py", "gray_of_mine.py", "pyproject.toml"):
         (here / name).unlink()

@@ -193,7 +193,6 @@ def test_a_file_that_changes_while_it_is_checked_is_not_kept(
     fresh.keep(request, found, [reports["bright"]])
     assert len(kept()) == 1
     known_again = cache.Verdicts().found(request)
-    assert known_again is not None
     assert plain(known_again[0].report) == plain(reports["bright"])
     # A module that mine.py imports had been imported by somebody else before: who knows when.
     cases(request)
@@ -318,7 +317,6 @@ def test_a_subject_that_is_new_is_watched_too(write: Write, monkeypatch: pytest.
 
     monkeypatch.setattr(project, "again", twice)
     gate = config.read(path)
-    assert gate is not None
     project.watched(gate.requests(), gate)
     before = {"brdfcheck.toml", "mine.py", "gray_of_mine.py"}
     assert seen == [before, before | {"later.py"}, before | {"later.py"}]  # the last one is not TOML

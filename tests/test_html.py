@@ -73,7 +73,6 @@ def text(published: Slices) -> str:
 
 def test_slices_hold_the_albedo_and_the_place(published: Slices) -> None:
     rows, angles, table = published.rows, published.angles, published.tables[()][0]
-    assert rows is not None
     assert table.shape == (48, 64)
     assert rows.values[rows.at] == 17.8512
     assert angles.values[angles.at] == 0
@@ -96,7 +95,6 @@ def test_slices_of_many_parameters_move_one_at_a_time() -> None:
     family = Family("sum", build, {name: (0.0, 1.0 if name < "e" else 2.0) for name in names}, switches=frozenset("f"))
     place = dict.fromkeys(names, 0.25) | {"f": 2.0}
     found = slices(family, place, 0.5, cells=3000)
-    assert found.rows is not None
     assert found.rows.name == "a"
     assert [axis.name for axis in found.others] == list("bcdef")
     assert list(found.others[-1].values) == [0, 2]
@@ -114,7 +112,6 @@ def test_slices_of_an_anisotropic_function_turn() -> None:
         return (1 + 0.5 * wi[..., 0] * wo[..., 0] + 0.3 * wi[..., 0] ** 2) / np.pi
 
     found = slices(load(brdf), {}, 0.5, 1.0)
-    assert found.rows is not None
     assert found.rows.name == AZIMUTH
     assert found.rows.values[found.rows.at] == pytest.approx(np.degrees(1.0))
     theta, phi = np.radians(found.angles.values[40]), np.radians(found.rows.values)
@@ -166,7 +163,6 @@ def test_names_cannot_break_out(text: str) -> None:
 
 def test_a_page_runs_its_own_script_and_nothing_else(text: str) -> None:
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
-    assert policy is not None
     said = html.unescape(policy[1])
     for tag, kind in (("script", "script"), ("style", "style")):
         (inside,) = re.findall(rf"<{tag}>(.*?)</{tag}>", text, re.S)
