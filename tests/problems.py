@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,43 +25,22 @@ LOBES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ZonalTable:
-    """Independent albedos of one lobe: arrays of the same shape (rows,)."""
-
-    n: np.ndarray
-    cos_theta: np.ndarray
-    albedo: np.ndarray
+def rows(name: str) -> Any:
+    """A file of references, each column by its name."""
+    return np.genfromtxt(REFERENCES / name, delimiter=",", names=True, dtype=None, encoding="utf-8").view(np.recarray)
 
 
-def zonal_tables() -> dict[str, ZonalTable]:
-    """Ball-arithmetic values by lobe name."""
-    with (REFERENCES / "zonal.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: ZonalTable(*(np.array([float(r[c]) for r in rows if r["lobe"] == name]) for c in ZonalTable.__annotations__))
-        for name in sorted({row["lobe"] for row in rows})
-    }
+def zonal_tables() -> dict[str, Any]:
+    """Ball-arithmetic values by lobe name: n, cos_theta, albedo."""
+    found = rows("zonal.csv")
+    return {str(name): found[found.lobe == name] for name in np.unique(found.lobe)}
 
 
-@dataclass(frozen=True)
-class FacetTable:
-    """Independent albedos of one kind of microfacet lobe."""
-
-    m: np.ndarray
-    cos_theta: np.ndarray
-    albedo: np.ndarray
-
-
-def facet_tables() -> dict[tuple[str, str, float], FacetTable]:
-    """Slope-space values by (distribution, masking, f0)."""
-    with (REFERENCES / "microfacet.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    tables = {}
-    for key in sorted({(row["distribution"], row["masking"], float(row["f0"])) for row in rows}):
-        mine = [row for row in rows if (row["distribution"], row["masking"], float(row["f0"])) == key]
-        tables[key] = FacetTable(*(np.array([float(r[c]) for r in mine]) for c in FacetTable.__annotations__))
-    return tables
+def facet_tables() -> dict[tuple[str, str, float], Any]:
+    """Slope-space values by (distribution, masking, f0): m, cos_theta, albedo."""
+    found = rows("microfacet.csv")
+    kinds = found[["distribution", "masking", "f0"]]
+    return {kind.item(): found[kinds == kind] for kind in np.unique(kinds)}
 
 
 def facet_lobe(distribution: str, masking: str, f0: float) -> Callable[[Any], Any]:
