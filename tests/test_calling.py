@@ -360,6 +360,16 @@ def out_of_bounds(wi, wo):
     return wi[5] if wo[2] > 0 else 0.0
 
 
+class Unarray:
+    def __array__(self, *_, **__):
+        raise TypeError("no")
+
+
+def pairs_of_angles(wi, wo):
+    (theta_i, _), (theta_o, _) = wi, wo
+    return 0.8 / np.pi * (np.cos(theta_i) * np.cos(theta_o)) ** 0.2
+
+
 @pytest.mark.parametrize(
     ("function", "message"),
     [
@@ -367,6 +377,16 @@ def out_of_bounds(wi, wo):
         (nothing, r"nothing returned None for wi=\(.*\), wo=\(.*\): is there a way through it without a return\?"),
         (out_of_bounds, r"IndexError: .*test_calling.py:\d+: directions come as arrays"),
         (lambda wi, wo: wi.x, r"AttributeError.*its x is wi\[..., 0\]"),
+        (pairs_of_angles, r"to unpack.*index the last axis"),
+        (lambda wi, wo: 1 / 0, "raised ZeroDivisionError: division by zero"),
+        (lambda wi, wo: wo[..., None], r"returned shape \(1, 3, 1\) .* index the last axis, wi\[..., 2\]"),
+        (lambda wi, wo: wo[..., :2][None], r"returned shape \(1, 1, 2\) for directions of shape \(1, 3\)"),
+        (lambda wi, wo: wo[..., :0], r"returned shape \(1, 0\)"),
+        (lambda wi, wo: "text", "returned|raised"),
+        (lambda wi, wo: Unarray(), "Unarray, not an array of numbers"),
+        (lambda wi, wo: {"value": 1.0}, "returned|raised"),
+        (lambda wi: wi, "raised TypeError"),
+        (lambda wi, wo: jnp.ones((len(wi), 257)), "returned 257 channels; at most 256"),
     ],
 )
 def test_mistakes_have_a_place_and_a_remedy(function, message):
