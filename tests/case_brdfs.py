@@ -176,23 +176,17 @@ def sixteenth(n):
 
 def sixteenth_ks(n, ks):
     """ks times it: the same at ks = 1."""
-    return sixteenth_f90(n, ks, 0.0)
-
-
-def sixteenth_f90(n, ks, f90):
-    """A third parameter that only takes away: the same at f90 = 0."""
-
-    def f(wi, wo):
-        c = halfway(wi, wo)[..., 2]
-        return ks * (1 - f90 / 2) * (n + 6) / 24.55 * jnp.maximum(0, 1 + n / 16 * (c - 1)) ** 16
-
-    return f
+    return sixteenth_dull(n, ks, 0.0, 0.0)
 
 
 def sixteenth_dull(n, ks, f90, dull):
-    """A fourth one that only takes away: the same at dull = 0."""
-    f = sixteenth_f90(n, ks, f90)
-    return lambda wi, wo: f(wi, wo) * (1 - dull / 2)
+    """Two more parameters that only take away: the same where both are 0."""
+
+    def f(wi, wo):
+        c = halfway(wi, wo)[..., 2]
+        return ks * (1 - f90 / 2) * (1 - dull / 2) * (n + 6) / 24.55 * jnp.maximum(0, 1 + n / 16 * (c - 1)) ** 16
+
+    return f
 
 
 def brushed(weight, f0, ax, ay):
@@ -396,9 +390,9 @@ def numpy_pairs_within(wi, wo):
 # --- channels ---
 
 
-def green_glows(wi, wo):
-    """Albedos 0.3, 1.2 and 0.6: green violates."""
-    return jnp.array([0.3, 1.2, 0.6]) / jnp.pi + 0 * wo[..., 2:]
+def glows(*albedos):
+    """Channels of these albedos; of four, which have no names, as of three the brightest counts."""
+    return lambda wi, wo: jnp.array(albedos) / jnp.pi + 0 * wo[..., 2:]
 
 
 def blue_glows(n):
@@ -406,17 +400,7 @@ def blue_glows(n):
     return lambda wi, wo: sixteenth(n)(wi, wo)[..., None] * jnp.array([0.5, 0.1, 1.0])
 
 
-def numpy_red_glows(wi, wo):
-    """Albedos 1.1, 0.2 and 0.2, in numpy: red violates."""
-    return np.array([1.1, 0.2, 0.2]) / np.pi + 0 * np.asarray(wo)[..., 2:]
-
-
-def four_channels(wi, wo):
-    """Four channels have no names: the last one, 3, violates with 1.25."""
-    return jnp.array([0.3, 0.2, 0.6, 1.25]) / jnp.pi + 0 * wo[..., 2:]
-
-
-# --- not finite ---
+# --- not finite ---# --- not finite ---
 
 
 def nan_everywhere(wi, wo):
@@ -513,34 +497,16 @@ def one_number(wi, wo):
     return 0.2
 
 
-def numpy_time_differences(wi, wo):
-    """timedelta64 is no number, although numpy says so of its kind."""
-    return np.zeros(len(np.asarray(wo)), "timedelta64[s]")
-
-
-def numpy_dates(wi, wo):
-    """Dates are no numbers."""
-    return np.zeros(len(np.asarray(wo)), "datetime64[s]")
-
-
-def numpy_complex(wi, wo):
-    """Complex values, here with nothing in their imaginary part, are refused."""
-    return np.full(len(np.asarray(wo)), 0.2 + 0j)
+def numpy_values(value, kind=None):
+    """One value for all directions in an array of a numpy type, of which only real numbers will do: complex ones are refused,
+    here with nothing in their imaginary part, and so are dates, timedelta64, although numpy says that its kind is a number,
+    Python objects and words, also those that look like numbers."""
+    return lambda wi, wo: np.full(len(np.asarray(wo)), value, kind)
 
 
 def complex_traced(wi, wo):
-    """The same where JAX can trace it, as from a refractive index n + ik."""
+    """Complex values where JAX can trace them, as from a refractive index n + ik."""
     return (0.2 + 0.1j) * wo[..., 2]
-
-
-def numpy_objects(wi, wo):
-    """Python objects are refused, also those that are numbers."""
-    return np.array([0.2] * len(np.asarray(wo)), dtype=object)
-
-
-def numpy_words(wi, wo):
-    """Words are no numbers, also those that look like some."""
-    return np.array(["0.2"] * len(np.asarray(wo)))
 
 
 def numpy_list(wi, wo):

@@ -25,6 +25,18 @@ cos_theta = { linspace = [0.05, 1, 240] }
 cos_theta = 1
 """
 """A sweep of 240 chunks."""
+SCENE = """
+size = 48
+[matters]
+pixel = "1/255"
+[material]
+kind = "surface"
+terms = [{ brdf = "lambert", tint = [0.6, 0.3, 0.1] }, { brdf = "blinn-phong", tint = 0.1, n = 30 }]
+[[lights]]
+kind = "distant"
+direction = [1, 1, 2]
+"""
+"""A picture, and what matters in it for a budget."""
 MINE = """
     from brdfcheck import Lambert
     from gray_of_mine import GRAY

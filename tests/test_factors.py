@@ -113,6 +113,7 @@ def test_per_cosine_divides_by_the_cosine_of_the_light():
         1 + 5j,
         np.complex64(3),
         jnp.asarray([1.0 + 2.0j]),
+        np.array([0.1, 1j]),
         True,
         np.bool_(True),
         np.array([True]),

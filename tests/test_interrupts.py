@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 import typer
-from projects import SWEEP
+from projects import SCENE, SWEEP
 from selection import few
 from shared import ROOT, process, shown_by, wait_for
 
@@ -29,15 +29,6 @@ LIMIT = 2.0
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to send")
 
-SCENE = """
-size = 48
-[material]
-kind = "surface"
-terms = [{ brdf = "lambert", tint = [0.6, 0.3, 0.1] }, { brdf = "blinn-phong", tint = 0.1, n = 30 }]
-[[lights]]
-kind = "distant"
-direction = [1, 1, 2]
-"""
 # What each command is asked, and about how many seconds it takes with a full cache.
 COMMANDS = {
     "help": (["--help"], 0.1),
