@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pydantic
+from pydantic_core import PydanticCustomError
 
 from brdfcheck.folders import readable
 from brdfcheck.messages import UsageError, did_you_mean, one_line
@@ -60,6 +61,16 @@ class Model(pydantic.BaseModel):
         extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True, allow_inf_nan=False
     )
 
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _known(cls, given: Any) -> Any:
+        """Refuses a key that the table does not have: here its model says which ones it has."""
+        if isinstance(given, Mapping) and cls.model_config.get("extra") == "forbid":
+            for key in given:
+                if key not in cls.model_fields:
+                    raise PydanticCustomError("unknown_key", "{words}", {"words": _unknown_key(key, cls.model_fields)})
+        return given
+
 
 def validated(model: type[_M], document: Mapping[str, Any], label: str) -> _M:
     """The document as `model`. UsageError, which begins with `label`, for the first thing that is wrong in it."""
@@ -67,8 +78,8 @@ def validated(model: type[_M], document: Mapping[str, Any], label: str) -> _M:
         return model.model_validate(dict(document))
     except pydantic.ValidationError as errors:
         # What is unknown comes first: a mistyped key also makes another one missing.
-        first = min(errors.errors(), key=lambda error: error["type"] != "extra_forbidden")
-        raise UsageError(f"{label}: {_told(model, document, first)}") from None
+        first = min(errors.errors(), key=lambda error: error["type"] != "unknown_key")
+        raise UsageError(f"{label}: {_told(document, first)}") from None
 
 
 def shown(value: Any) -> str:
@@ -80,18 +91,14 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-def unknown_key(key: str, allowed: Iterable[str]) -> str:
+def _unknown_key(key: Any, allowed: Iterable[str]) -> str:
     """What is said of a key that a table does not have."""
-    allowed = tuple(allowed)
-    hint = did_you_mean(key, allowed, most=1, cutoff=0.6)
+    hint = did_you_mean(str(key), allowed, most=1, cutoff=0.6)
     return f"unknown key {shown(key)}; {hint}{' ' if hint else ''}allowed: {', '.join(allowed)}"
 
 
-def _told(model: type[Model], document: Any, error: Any) -> str:
+def _told(document: Any, error: Any) -> str:
     kind, place = error["type"], _place(document, error["loc"], missing=error["type"] == "missing")
-    if kind == "extra_forbidden":
-        table, key = place[:-1], str(place[-1])
-        return _at(table, unknown_key(key, _keys(model, error["loc"][:-1])))
     context = error.get("ctx", {})
     if kind == "value_error":
         words = one_line(context["error"])
@@ -99,7 +106,7 @@ def _told(model: type[Model], document: Any, error: Any) -> str:
         words = _ONE[kind]
     else:
         words = _WORDS[kind].format(**context) if kind in _WORDS else one_line(error["msg"])
-    return _at(place, words if kind == "missing" else f"{words}; got {shown(error['input'])}")
+    return _at(place, words if kind in ("missing", "unknown_key") else f"{words}; got {shown(error['input'])}")
 
 
 def _place(document: Any, location: tuple[Any, ...], missing: bool) -> list[str | int]:
@@ -114,32 +121,6 @@ def _place(document: Any, location: tuple[Any, ...], missing: bool) -> list[str 
         if inside or last:
             place.append(step)
     return place
-
-
-def _keys(model: Any, location: tuple[Any, ...]) -> list[str]:
-    """The keys of the table at a location, through lists and alternatives."""
-    found = [model]
-    for step in location:
-        inner: list[Any] = []
-        for one in found:
-            field = one.model_fields.get(step) if isinstance(step, str) else None
-            inner += _models(field.annotation) if field is not None else [one]
-        tagged = [one for one in inner if step in _tags(one)]
-        found = tagged or inner
-    return list(dict.fromkeys(key for one in found for key in one.model_fields))
-
-
-def _models(annotation: Any) -> list[type[Model]]:
-    """The models in an annotation."""
-    if isinstance(annotation, type) and issubclass(annotation, Model):
-        return [annotation]
-    return [one for part in getattr(annotation, "__args__", ()) for one in _models(part)]
-
-
-def _tags(model: type[Model]) -> tuple[Any, ...]:
-    """What the key "kind" of a model may be."""
-    field = model.model_fields.get("kind")
-    return getattr(field.annotation, "__args__", ()) if field is not None else ()
 
 
 def _at(place: list[str | int], words: str) -> str:
