@@ -260,14 +260,9 @@ def _halved(sides: np.ndarray) -> np.ndarray:
 
 def _third(values: np.ndarray, axis: int) -> np.ndarray:
     """The largest third difference along an axis that each value takes part in; a parabola errs by a sixteenth of it."""
-    count = values.shape[axis]
-    if count < 4:
-        return np.zeros_like(values)
-    differences = np.moveaxis(np.abs(np.diff(values, 3, axis=axis)), axis, 0)
-    found = np.zeros_like(np.moveaxis(values, axis, 0))
-    for k in range(4):
-        np.maximum(found[k : count - 3 + k], differences, out=found[k : count - 3 + k])
-    return np.moveaxis(found, 0, axis)
+    differences = np.abs(np.diff(values, 3, axis=axis))
+    padding = [(3, 3) if along == axis else (0, 0) for along in range(values.ndim)]
+    return np.lib.stride_tricks.sliding_window_view(np.pad(differences, padding), 4, axis=axis).max(axis=-1)
 
 
 def _float32(values: np.ndarray, towards: float) -> np.ndarray:

@@ -13,12 +13,13 @@ Knows nothing of lobes or quadrature: raw albedos come in as a callable. The lin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import polynomial
+from numpy.polynomial import Polynomial
 from scipy.optimize import linprog
 
 _EXCHANGES = 12
@@ -151,19 +152,15 @@ class _Basis:
         """Coefficients of 1, n, n^2, ... from those of this basis, filled up with zeros to `count`."""
         # In powers of n - low first: coefficients there are differences of like numbers; only the last step adds large ones.
         width = self.high - self.low
-        u, v = np.array([0, np.sqrt((1 + self.high) / (1 + self.low)) / width]), np.array([1, -1 / width])
-        shifted = np.zeros(1)
-        for i, coefficient in enumerate(coefficients):
-            term = np.array([coefficient])
-            for factor in [u] * i + [v] * (len(coefficients) - 1 - i):
-                term = polynomial.polymul(term, factor)
-            shifted = polynomial.polyadd(shifted, term)
-        total = np.zeros(1)
-        for coefficient in shifted[::-1]:
-            total = polynomial.polyadd(polynomial.polymul(total, np.array([-self.low, 1.0])), np.array([coefficient]))
-        total = np.pad(total, (0, max(len(coefficients) - len(total), 0)))[: len(coefficients)]
-        total = np.r_[np.zeros(lowest), total]
-        return np.pad(total, (0, count - len(total)))
+        u, v = Polynomial([0, np.sqrt((1 + self.high) / (1 + self.low)) / width]), Polynomial([1, -1 / width])
+        last = len(coefficients) - 1
+        terms = (math.prod([u] * i + [v] * (last - i), start=Polynomial([part])) for i, part in enumerate(coefficients))
+        total, x = Polynomial([0.0]), Polynomial([-self.low, 1.0])
+        for part in sum(terms, Polynomial([0.0])).coef[::-1]:
+            total = total * x + part
+        found = np.zeros(count)
+        found[lowest : lowest + len(total)] = total.coef
+        return found
 
 
 def _solve(

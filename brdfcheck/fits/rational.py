@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import pascal
 
 from brdfcheck.fits.minimax import linear_program
 
@@ -221,8 +222,5 @@ def _restricted(degree: int, low: float, high: float) -> np.ndarray:
 
 
 def _powers_to_bernstein(degree: int) -> np.ndarray:
-    table = np.zeros((degree + 1, degree + 1))
-    for i in range(degree + 1):
-        for k in range(i + 1):
-            table[i, k] = math.comb(i, k) / math.comb(degree, k)
-    return table
+    binomials = pascal(degree + 1, kind="lower")
+    return binomials / binomials[-1]
