@@ -177,7 +177,7 @@ def _curves(settings: _Settings, output: Output) -> list[Curve]:
     found: dict[str, list[Curve]] = {}
     fits: dict[str, list[dict[str, Any]]] = {}
     everything = list(dict.fromkeys(settings.names))
-    files = [name for name in everything if _is_file(name)]
+    files = [name for name in everything if curve_files.is_curve_file(name)]
     for file in files:
         if os.path.isdir(file):
             wanted, bounds = settings.values, settings.over.get("n")
@@ -198,18 +198,6 @@ def _curves(settings: _Settings, output: Output) -> list[Curve]:
         everything = list(dict.fromkeys(part for name in everything for part in spread(name, modules)))
         found |= _computed([name for name in everything if name not in files], modules, fits, settings, output)
     return [curve for name in everything for curve in found[name]]
-
-
-def _is_file(name: str) -> bool:
-    from brdfcheck.output.curve_files import is_curve_file
-
-    if name.endswith((".json", ".zarr", ".zarr/")):
-        return True
-    if not is_curve_file(name):
-        return False
-    from brdfcheck.brdf import catalog  # a folder may have the name of a lobe
-
-    return name not in catalog.names()
 
 
 def _refuse_options(settings: _Settings, fits: Mapping[str, Sequence[Any]]) -> None:

@@ -38,7 +38,11 @@ def is_curve_file(word: str) -> bool:
     bare = word.rstrip("/" + os.sep)
     if bare.endswith((".json", ".zarr")):
         return True
-    return not bare.lower().endswith(SUFFIXES) and os.path.exists(word) and ":" not in word
+    if bare.lower().endswith(SUFFIXES) or not os.path.exists(word) or ":" in word:
+        return False
+    from brdfcheck.brdf import catalog  # a folder may have the name of a lobe
+
+    return word not in catalog.names()
 
 
 def read(path: str, kind: str) -> tuple[list[Curve], list[Curve]]:
