@@ -23,7 +23,7 @@ import optimistix as optx
 
 from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Proportional, RationalFactor
 from brdfcheck.brdf.family import Family
-from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, extrema, spread
+from brdfcheck.fits.minimax import Ceiling, Rational, best_rational, spread
 from brdfcheck.fits.raw import RawAlbedo
 from brdfcheck.messages import UsageError, one_of
 from brdfcheck.proof.certify import certify_family
@@ -225,12 +225,7 @@ def _one_point_form(degrees: tuple[int, ...], n: float, albedo: float) -> Abstra
 
 
 def _step(raw: RawAlbedo, factor: AbstractFactor, note: str) -> Step:
-    grid = raw.grid()
-
-    def curve(n: np.ndarray) -> np.ndarray:
-        return np.asarray(factor(jnp.asarray(n))) * raw(n)
-
-    _, values = extrema(curve, grid, curve(grid), 4 if raw.fast else 1)
+    _, values = raw.extrema(factor, 4 if raw.fast else 1)
     return Step(factor, float(values.max()), float(values.min()), note)
 
 

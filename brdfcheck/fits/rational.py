@@ -222,5 +222,5 @@ def _restricted(degree: int, low: float, high: float) -> np.ndarray:
 
 
 def _powers_to_bernstein(degree: int) -> np.ndarray:
-    binomials = pascal(degree + 1, kind="lower")
+    binomials = np.asarray(pascal(degree + 1, kind="lower"))
     return binomials / binomials[-1]

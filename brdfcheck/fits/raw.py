@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -85,14 +85,18 @@ class RawAlbedo:
 
         Where it is reached more than once, as minimax factors reach it, the exponent is the smallest.
         """
+        places, values = self.extrema(factor, 6 if self.fast else 2)
+        smallest = float(np.min(values))
+        return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
+
+    def extrema(self, factor: AbstractFactor, rounds: int) -> tuple[np.ndarray, np.ndarray]:
+        """The extrema of the albedo at normal incidence with `factor`, as `minimax.extrema` finds them: (n, value)."""
         grid = self.grid()
 
         def curve(n: np.ndarray) -> np.ndarray:
             return np.asarray(factor(jnp.asarray(n))) * self(n)
 
-        places, values = extrema(curve, grid, curve(grid), 6 if self.fast else 2)
-        smallest = float(np.min(values))
-        return smallest, float(np.min(places[values <= smallest * (1 + _TIE)]))
+        return extrema(curve, grid, curve(grid), rounds)
 
 
 def of_exponent(
@@ -118,30 +122,22 @@ def _one_exponent(target: Any, n: tuple[float, float]) -> tuple[Family, bool]:
     known = target if isinstance(target, Family) else None
     if known is not None and (known.surface is not None or BELOW in {*known.ranges, *known.held}):
         raise UsageError(f"{name} transmits, and a factor is for what reflects: it would dim what is let through, too")
-    if known is not None and "n" not in known.ranges:
-        if any(low != high for low, high in known.ranges.values()):
-            has = f"it has {', '.join(known.ranges)}: where they are held its factor is one constant"
-            raise UsageError(f"{name} has no exponent n to normalise over; {has}")
-        values = {key: low for key, (low, _) in known.ranges.items()}
-        build, pointwise = (way and _holding(way, values) for way in (known.build, known.pointwise))
-        held = {**known.held, **values}
-        return dataclasses.replace(
-            known, build=build, pointwise=pointwise, ranges={"n": ONE}, held=held, switches=frozenset()
-        ), True
-    family = as_family(target, {"n": n}, None)
-    others = {key: bounds for key, bounds in family.ranges.items() if key != "n"}
-    for key, (low, high) in others.items():
-        if low != high:
-            raise ValueError(f"{name}: a factor is a function of n alone; hold {key} at one value, not {low:g}:{high:g}")
-    values = {key: low for key, (low, _) in others.items()}
-    held = {**family.held, **values}
-    return dataclasses.replace(
-        family, build=lambda n: family.build(n=n, **values), pointwise=None, ranges={"n": n}, held=held, switches=frozenset()
-    ), False
-
-
-def _holding(build: Callable[..., Any], values: Mapping[str, float]) -> Callable[..., Any]:
-    return lambda n: build(**values)
+    constant = known is not None and "n" not in known.ranges
+    family = known if known is not None and constant else as_family(target, {"n": n}, None)
+    running = [key for key, (low, high) in family.ranges.items() if key != "n" and low != high]
+    if running and constant:
+        has = f"it has {', '.join(family.ranges)}: where they are held its factor is one constant"
+        raise UsageError(f"{name} has no exponent n to normalise over; {has}")
+    if running:
+        low, high = family.ranges[running[0]]
+        raise ValueError(f"{name}: a factor is a function of n alone; hold {running[0]} at one value, not {low:g}:{high:g}")
+    values = {key: low for key, (low, _) in family.ranges.items() if key != "n"}
+    only = dataclasses.replace(family, held={**family.held, **values}, switches=frozenset(), pointwise=None)
+    if not constant:
+        return dataclasses.replace(only, build=lambda n: family.build(n=n, **values), ranges={"n": n}), False
+    whole = family.pointwise
+    pointwise = None if whole is None else lambda n: whole(**values)
+    return dataclasses.replace(only, build=lambda n: family.build(**values), pointwise=pointwise, ranges={"n": ONE}), True
 
 
 def _is_exponent(family: Family) -> bool:
