@@ -253,7 +253,7 @@ def test_how_far_a_command_is_says_a_line_now_and_then(
 ) -> None:
     now = 0.0
     monkeypatch.setattr(output.time, "monotonic", lambda: now)
-    with output.Output(None).progress(3, "checking", every=10) as advance:
+    with output.Output(None).progress("checking", 3, every=10) as advance:
         for now in (1.0, 9.9, 10.1, 12.0, 20.0, 20.2):
             advance.say(f"at {now}")
             advance()

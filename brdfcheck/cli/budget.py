@@ -83,7 +83,7 @@ def _budget(
     read = read_scene(scene)
     try:
         rungs = sum(len(knob.rungs) for knob in knobs_of(read))
-        with output.progress(rungs, f"measuring {read.label}", every=_EVERY) as progress:
+        with output.progress(f"measuring {read.label}", rungs, every=_EVERY) as progress:
 
             def watch(name: str) -> None:
                 progress.say(f"with {name}")
@@ -93,8 +93,8 @@ def _budget(
     except ValueError as error:  # what is right by itself and wrong together, as a camera inside the object
         raise UsageError(f"{one_line(scene)}: {one_line(error).removeprefix(f'{read.label}: ')}") from error
     try:
-        with output.waiting(f"choosing for {read.label}", every=_EVERY) as say:
-            budget = measured.choose(tolerance, lambda names: say(f"choosing for {read.label}: {names}"))
+        with output.progress(f"choosing for {read.label}", every=_EVERY) as progress:
+            budget = measured.choose(tolerance, lambda names: progress.say(f"choosing for {read.label}: {names}"))
     except BudgetError as error:
         output.line(one_line(error))
         return ExitCode.FAILED

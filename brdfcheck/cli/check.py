@@ -315,7 +315,7 @@ def _evaluate(
         # The dear ones, in two dimensions, stand last in the catalogue: begun first, they leave no worker idle.
         step = -1 if all(case.file is None for case in cases) else 1
         waiting, written = set[Any](), 0
-        with output.progress(len(cases), "checking", every=10) as advance:
+        with output.progress("checking", len(cases), every=10) as advance:
             futures = [pool.submit(evaluated, case, advance.say) for case in cases[::step]][::step]
             waiting.update(futures)
             while waiting:

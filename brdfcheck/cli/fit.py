@@ -133,9 +133,9 @@ def _run(settings: Mapping[str, Any], how: Reading, ladder: bool, output: Output
     start()  # a user's file may have changed the precision
     text = f"fitting {name} over n={n.low:g}:{n.high:g}; about 30 s for a plain Python function"
     try:
-        with output.waiting(text) as show, asked():
+        with output.progress(text) as progress, asked():
             fit = fit_factor(target.family, n, settings["objective"], sampling=settings["sampling"])
-            show("climbing the ladder of factors" if ladder else "writing down the fit")
+            progress.say("climbing the ladder of factors" if ladder else "writing down the fit")
             rungs = factor_ladder(target.family, n) if ladder else ()
             content = _exported(export[0], fit) if export is not None else None
     except UsageError:

@@ -98,34 +98,24 @@ class Output:
         return next((stream for stream in (sys.stderr, self._stdout) if stream.isatty()), None)
 
     @contextlib.contextmanager
-    def waiting(self, text: str, every: float = math.inf) -> Iterator[Callable[[str], None]]:
-        """A line on a terminal while something takes its time, gone afterwards; gives what to call with a new text.
+    def progress(self, doing: str, count: int | None = None, every: float = math.inf) -> Iterator[Progress]:
+        """How far a command is: on a terminal a line that moves, elsewhere one on stderr each `every` seconds.
 
-        Where there is no terminal, the latest text each `every` seconds on stderr.
-        """
-        with moving(self.terminal(), lambda parts: ()) as bar:
-            if bar is None:
-                yield _now_and_then("", every)
-                return
-            task = bar.add_task(text)
-            yield lambda text: bar.update(task, description=text)
-
-    @contextlib.contextmanager
-    def progress(self, count: int, doing: str, every: float = math.inf) -> Iterator[Progress]:
-        """How far a command is: a bar with the time left on a terminal, a line on stderr each `every` seconds elsewhere.
-
-        `doing` says what for.
+        With a `count` of things to do a bar with the time left, and `doing` before what is said; without, what is said is the
+        line, and `doing` its first text.
         """
 
         def columns(parts: Any) -> tuple[Any, ...]:
             left = parts.TimeRemainingColumn(), parts.TextColumn("left")
-            return parts.TextColumn(doing), parts.BarColumn(bar_width=32), parts.MofNCompleteColumn(), *left
+            counted = parts.TextColumn(doing), parts.BarColumn(bar_width=32), parts.MofNCompleteColumn(), *left
+            return () if count is None else counted
 
         with moving(None if self._quiet else self.terminal(), columns) as bar:
             if bar is None:
-                yield Progress(lambda: None, _now_and_then(doing, math.inf if self._quiet else every))
+                prefix = "" if count is None else doing
+                yield Progress(lambda: None, _now_and_then(prefix, math.inf if self._quiet else every))
                 return
-            task = bar.add_task("", total=count)
+            task = bar.add_task(doing if count is None else "", total=count)
             yield Progress(lambda: bar.advance(task), lambda text: bar.update(task, description=text))
 
 

@@ -238,7 +238,7 @@ def _computed(
     }
     jobs |= {file: [partial(_of_fit, file, result, settings) for result in results] for file, results in fits.items()}
     found: dict[str, list[Curve]] = {}
-    with output.progress(sum(map(len, jobs.values())), "computing") as advance:
+    with output.progress("computing", sum(map(len, jobs.values()))) as advance:
         for name, parts in jobs.items():
             found[name] = []
             for part in parts:

@@ -192,7 +192,7 @@ def _of_brdf(
             shown = brdf_of(name, held, how, furnace=kind == "furnace")
             start()  # a user's file may have changed the precision
             label = ", ".join((name, *(f"{parameter} = {value:g}" for parameter, value in values.items())))
-            with output.waiting(f"rendering a {kind} of {name}; the first time, programs are compiled for it"):
+            with output.progress(f"rendering a {kind} of {name}; the first time, programs are compiled for it"):
                 return render_brdf(kind, shown, label, side, quality)
     except NoRange as error:
         raise UsageError(f"{error}: {' '.join(f'--set {parameter}=VALUE' for parameter in error.names)}") from None
@@ -219,5 +219,5 @@ def _of_preset(name: str, size: words.Size | None, quality: str, output: Output)
             raise UsageError(f"{name} is no preset: say how to show it, as in render sphere --brdf {name}") from None
         raise UsageError(one_line(error.args[0])) from None
     text = f"rendering {name}: {{}} pictures done; the first time, programs are compiled for them"
-    with output.waiting(text.format(0)) as show:
-        return render_preset(name, side, quality, lambda count: show(text.format(count)))
+    with output.progress(text.format(0)) as progress:
+        return render_preset(name, side, quality, lambda count: progress.say(text.format(count)))

@@ -97,7 +97,7 @@ def _page(
 
     start()  # where all verdicts were known, nothing has been computed before
     targets = [_target(case) for case in cases]
-    with output.progress(len(cases), "drawing", every=10) as advance:
+    with output.progress("drawing", len(cases), every=10) as advance:
         room = max(400, _CELLS // len(cases))
 
         def drawn(pair: tuple[Target, Report]) -> Slices | None:

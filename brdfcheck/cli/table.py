@@ -153,7 +153,7 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
     kinds = [_kind(path) for path in paths]
     rows, columns = settings["size"]
     added, fits, reports, facts = None, None, {}, []
-    with output.waiting(f"integrating {rows} x {columns} cells") as show, asked():
+    with output.progress(f"integrating {rows} x {columns} cells") as progress, asked():
         try:
             table = renderer_table(
                 settings["name"],
@@ -163,21 +163,21 @@ def _run(settings: Mapping[str, Any], how: Reading, paths: list[str], verify: bo
                 cos_theta=settings["cos_theta"],
                 rtol=settings["rtol"],
                 reading=how,
-                say=lambda done, of: show(f"integrating: {done} of {of} rows"),
+                say=lambda done, of: progress.say(f"integrating: {done} of {of} rows"),
             )
             start()  # a user's file may have changed the precision
             if settings["texture"] == "dfg" and table.scale is None:
                 raise UsageError(f"--texture dfg: {table.why}")
             if settings["compensation"]:
-                show("integrating between the cells")
+                progress.say("integrating between the cells")
                 added = compensation(table, settings["rtol"])
             if "dds" in kinds:
                 texture_of(table, added, settings["texture"])
             if set(kinds) & set(_SOURCE):
-                show("fitting")
+                progress.say("fitting")
                 fits = compact_fits(table, compensation=added)
             if verify and added is not None:
-                show("checking the compensated BRDF")
+                progress.say("checking the compensated BRDF")
                 if set(kinds) & set(_TABLES):
                     reports["look-ups"] = checked(added.family, added)
                 if fits is not None:
