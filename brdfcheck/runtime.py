@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import importlib
 import os
@@ -73,20 +72,3 @@ def use_compilation_cache() -> None:
     # JAX skips programs that compile in under a second unless told otherwise; all of ours do.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-# What mallopt of glibc calls them, and to what they are set: bytes.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT = -1, -3, 2**25
-
-
-@functools.cache
-def keep_freed_memory() -> None:
-    """Let the C library keep up to 32 MiB that are freed, for the next array: from now on, in this process.
-
-    By default it gives arrays of some 100 kB back to the system at once, which clears their pages for each new one: that took
-    two thirds of the time of the adaptive rule. Where the C library is not glibc, nothing happens.
-    """
-    with contextlib.suppress(OSError, AttributeError, TypeError):
-        mallopt = ctypes.CDLL(None).mallopt
-        mallopt(_TRIM_THRESHOLD, _KEPT)
-        mallopt(_MMAP_THRESHOLD, _KEPT)

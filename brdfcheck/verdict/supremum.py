@@ -24,7 +24,6 @@ import numpy as np
 
 from brdfcheck.quadrature.members import OtherKind
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo, TwoSided
-from brdfcheck.runtime import keep_freed_memory
 from brdfcheck.verdict.climb import CREST, Climbs, Trail, climb
 from brdfcheck.verdict.confirm import RUNGS, Confirmation
 from brdfcheck.verdict.intervals import intervals_above
@@ -116,7 +115,6 @@ def supremum(
     `affordable`. `axial`: all kinks are known to run along the axes, as those of look-ups do. A value that is not a number is
     returned as such where nothing else was found. Raises Finding where a user's BRDF fails.
     """
-    keep_freed_memory()
     watch = watch or (lambda points, best: None)
     try:
         search = _Search(albedo, threshold, rtol, effort, axial, watch)
