@@ -16,7 +16,6 @@ import platform
 import sys
 import time
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,10 +32,8 @@ _log = logging.getLogger("brdfcheck")
 SWITCH = "BRDFCHECK_VERDICTS"
 """The environment variable that switches the cache off where it is 0."""
 FORMAT = 1
-# Packages whose version a verdict may depend on, and variables that begin so.
-_PACKAGES = (
-    "jax", "jaxlib", "numpy", "scipy", "equinox", "jaxtyping", "optimistix", "lineax", "pcpp", "MaterialX",
-)  # fmt: skip
+# Packages whose version a verdict may depend on besides those of any result, and variables that begin so.
+_PACKAGES = ("jaxtyping", "pcpp", "MaterialX")
 _VARIABLES = ("JAX_", "XLA_", "CUDA_VISIBLE_DEVICES", "JAXTYPING_", "EQX_")
 # What tests may change in JAX, as it is for everybody else.
 _USUAL = {
@@ -203,10 +200,6 @@ def _package() -> str:
 
 @functools.cache
 def _versions() -> dict[str, str]:
-    found = {"python": sys.version, "machine": platform.platform()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = ""
-    return found
+    from brdfcheck.output.records import versions
+
+    return {**versions(*_PACKAGES), "python": sys.version, "machine": platform.platform()}
