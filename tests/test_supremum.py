@@ -43,6 +43,9 @@ class Beside(NamedTuple):
     surface: PointwiseAlbedo
     size: int = 0
 
+    def gap(self):
+        return 0.0
+
     def __call__(self, parameters, cos_theta, azimuth):
         return self.surface(parameters, cos_theta, azimuth)
 
@@ -56,7 +59,7 @@ class Planted(PointwiseAlbedo):
 
     fast = property(lambda self: not self._function)
     levels = property(lambda self: 3 if self._function else 1)
-    monotone = bounded = one_by_one = two_sided = mirrored = False
+    monotone = bounded = one_by_one = one_of_many = two_sided = mirrored = False
     table = None
 
     def __init__(
