@@ -79,18 +79,7 @@ def test_values_are_the_formula(kind: str, masked: str, slope: float) -> None:
     assert np.count_nonzero(expected > 1e-10 * np.max(expected)) > 150
     # exp(-tan^2 / m^2) magnifies the rounding of the tangent.
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.max(expected))
-
-
-@pytest.mark.parametrize("kind", BUILD)
-@pytest.mark.parametrize("masked", MASKINGS[:3])
-def test_masking_only_takes_away(kind: str, masked: str) -> None:
-    for slope in (0.08, 1.0):
-        bare = np.asarray(BUILD[kind](slope, masking="none")(WI, WO))
-        shadow = np.asarray(BUILD[kind](slope, masking=masked)(WI, WO))[bare > 1e-200] / bare[bare > 1e-200]
-        assert np.all((shadow >= 0) & (shadow <= 1 + 1e-14))
-    # Uncorrelated masking hides more.
-    if masked == "smith-separable":
-        assert np.all(shadow <= np.asarray(BUILD[kind](1.0)(WI, WO)) / bare[bare > 1e-200] + 1e-14) or kind == "beckmann"
+    assert np.all(found <= np.asarray(BUILD[kind](slope, masking="none")(WI, WO)) * (1 + 1e-14))  # masking only takes away
 
 
 @pytest.mark.parametrize("lobe", few([CookTorrance(0.01), GGX(3.0)], ("GGX",), lambda lobe: type(lobe).__name__))

@@ -27,7 +27,7 @@ def test_accuracy_and_honest_error_bar(name):
     table = TABLES[name]
     result = jax.vmap(albedo)(LOBES[name](table.n), jnp.asarray(table.cos_theta))
     error = np.abs(np.asarray(result.value) - table.albedo)
-    assert np.max(error / table.albedo) <= 1e-12
+    assert np.max(error / table.albedo) <= (1e-13 if name in ("schlick", "kb_half") else 1e-12)
     assert np.all(error <= np.asarray(result.error))
     # An error bar that is always huge would be honest and useless.
     tight = 1e-12 if "unclamped" not in name else 1e-11
@@ -39,13 +39,13 @@ def test_looser_requests_are_honest_and_cheaper(name):
     table = TABLES[name]
     lobe = LOBES[name](table.n)
     costs = []
-    for rtol in (1e-3, 1e-6, 1e-12):
+    for rtol in (1e-2, 1e-3, 1e-6, 1e-12):
         result = jax.vmap(lambda lobe, mu, rtol=rtol: albedo(lobe, mu, rtol=rtol))(lobe, jnp.asarray(table.cos_theta))
         error = np.abs(np.asarray(result.value) - table.albedo)
         assert np.max(error / table.albedo) <= rtol
         assert np.all(error <= np.asarray(result.error))
         costs.append(int(result.evaluations[0]))
-    assert costs[0] < costs[1] < costs[2]
+    assert costs[0] < costs[1] < costs[2] < costs[3]
 
 
 @pytest.mark.parametrize("name", few([name for name in LOBES if "unclamped" not in name], ("phong",)))
