@@ -44,7 +44,7 @@ def test_the_integral_is_compiled_once_whatever_the_number_of_pixels():
 VALIDATED = [entry.name for entry in catalog.entries() if entry.validated]
 
 
-@pytest.mark.parametrize("name", few(VALIDATED, ("blinn-phong", "thin-sheet", "dielectric", "ggx")))
+@pytest.mark.parametrize("name", few(VALIDATED, ("phong", "thin-sheet", "dielectric", "ggx")))
 def test_a_furnace_shows_the_albedo(name):
     """Of what transmits from either side: what it sends out of light from there, which need not be reciprocal."""
     family = catalog.entry(name).family

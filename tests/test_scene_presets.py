@@ -132,8 +132,9 @@ def test_a_furnace_is_what_every_pixel_integrated_gives(name, parameters, side):
     np.testing.assert_allclose(fine[:, near > 1.001], 0.4, rtol=1e-6)
     edge = (far > 1.001) & (near < 0.999)
     assert np.abs(fine - tile)[:, edge].max() > 1e-3
-    # Each pixel of the edge is covered as much as a disc covers it.
-    covered = white_furnace.furnace_excess(name, parameters, side, 4)[1]
+    # Inside it is more by the excess, which is that of the albedo. Each pixel of the edge is covered as a disc covers it.
+    excess, covered = white_furnace.furnace_excess(name, parameters, side, 4)
+    assert np.abs(0.4 * (1 + excess) - every)[:, far < 0.999].max() < 1e-6
     assert covered.sum() == pytest.approx(np.pi * (side / 2.1) ** 2, rel=5e-3)
 
 

@@ -11,11 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy_shader
 import pytest
-from selection import few
 from shared import equations
 
-from brdfcheck.brdf import catalog
-from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.scene import furnace, sphere
 from brdfcheck.scene.artistic import Highlight, Metal, Translucent
 from brdfcheck.scene.cameras import Orthographic, Perspective
@@ -124,40 +121,6 @@ def test_bad_views_are_refused_in_one_line(options, words):
 
 
 # --- the white furnace ---
-
-
-VALIDATED = [entry.name for entry in catalog.entries() if entry.validated and entry.family.surface is None]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", VALIDATED)
-def test_furnace_pixels_are_the_albedo_at_their_angle(name):
-    ranges = catalog.entry(name).family.ranges
-    parameters = {key: {"n": 40.0, "m": 0.25, "alpha": 0.25, "reflectance": 1.0}[key] for key in ranges}
-    term = Term(name, **parameters)
-    image = sphere_image(Surface(term), (Environment(1.0),), size=(16, 16), background=1.0)
-    _, normals = numpy_shader.sphere((16, 16))
-    expected = albedo(catalog.entry(name).family.build(**parameters), normals[:8, :8, 2]).value
-    for channel in np.asarray(image)[:, :8, :8]:
-        hit = numpy_shader.sphere((16, 16))[0][:8, :8]
-        np.testing.assert_allclose(channel[hit], np.asarray(expected)[hit], atol=1e-4)
-
-
-BRUTE = (Term("blinn-phong", n=2.0), Term("phong", n=300.0), Term("cook-torrance", m=0.6))
-
-
-@pytest.mark.parametrize("term", few(BRUTE, ("phong",), lambda term: term.name))
-def test_furnace_is_what_brute_force_adds_up(term):
-    # Midpoints over the hemisphere: slow, and nothing in common with the nodes that follow the lobe.
-    count = 700 if term.name == "phong" else 250
-    cosine, around = (np.arange(count) + 0.5) / count, (np.arange(2 * count) + 0.5) * np.pi / count
-    mu, phi = (part.ravel() for part in np.meshgrid(cosine, around, indexing="ij"))
-    wi = jnp.asarray(np.stack([np.sqrt(1 - mu**2) * np.cos(phi), np.sqrt(1 - mu**2) * np.sin(phi), mu], -1))
-    for cos_view in (0.9, 0.3):
-        wo = jnp.broadcast_to(jnp.array([np.sqrt(1 - cos_view**2), 0, cos_view]), wi.shape)
-        brute = float(jnp.mean(term.brdf(wi, wo) * wi[:, 2])) * 2 * np.pi
-        found = furnace.directional_albedo(term.brdf, jnp.asarray([cos_view]))
-        assert float(found[0]) == pytest.approx(brute, abs=2e-4)
 
 
 @pytest.mark.slow
