@@ -17,17 +17,27 @@ SIDE = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]], float)
 WALL = np.array([[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]], float)
 
 
-def brute(first, second, nodes=10):
-    """Area times form factor of two parallelograms (corner, edge, edge, normal) by Gauss nodes in four dimensions."""
-    x, w = np.polynomial.legendre.leggauss(nodes)
-    u, v = (part.ravel() for part in np.meshgrid((x + 1) / 2, (x + 1) / 2))
+def brute(x, y, third, other_y, distance=None, nodes=10):
+    """The form factor of two rectangles by Gauss nodes in four dimensions; what it takes is what the closed forms take.
+
+    The first lies in z = 0 and looks up. With a distance, the second lies that high, over `third` in x, and looks down; without
+    one it stands in x = 0, over `third` in z.
+    """
+    place, w = np.polynomial.legendre.leggauss(nodes)
+    s, t = (part.ravel() for part in np.meshgrid((place + 1) / 2, (place + 1) / 2))
     weight = np.outer(w, w).ravel() / 4
-    places = [corner + u[:, None] * a + v[:, None] * b for corner, a, b, _ in (first, second)]
-    areas = [np.linalg.norm(np.cross(a, b)) for _, a, b, _ in (first, second)]
-    arm = places[1][None] - places[0][:, None]
-    square = np.sum(arm**2, axis=-1)
-    kernel = np.maximum(arm @ first[3], 0) * np.maximum(-(arm @ second[3]), 0) / (np.pi * square**2)
-    return weight @ kernel @ weight * areas[0] * areas[1]
+
+    def between(ends, share):
+        return ends[0] + share * (ends[1] - ends[0])
+
+    first, along, across = np.stack([between(x, s), between(y, t), 0 * s], axis=-1), between(third, s), between(other_y, t)
+    if distance is None:
+        second, normal = np.stack([0 * s, across, along], axis=-1), np.array([1, 0, 0])
+    else:
+        second, normal = np.stack([along, across, distance + 0 * s], axis=-1), np.array([0, 0, -1])
+    arm = second[None] - first[:, None]
+    kernel = np.maximum(arm[..., 2], 0) * np.maximum(-(arm @ normal), 0) / (np.pi * np.sum(arm**2, axis=-1) ** 2)
+    return weight @ kernel @ weight * (third[1] - third[0]) * (other_y[1] - other_y[0])
 
 
 # --- closed forms ---
@@ -45,27 +55,16 @@ def test_the_known_values():
     st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.5), min_size=4, max_size=4), st.floats(2, 6)
 )
 def test_parallel_rectangles_anywhere(starts, lengths, distance):
-    x, y, other_x, other_y = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
-    found = transport.parallel_rectangles(x, y, other_x, other_y, distance)
-    first = (np.array([x[0], y[0], 0]), np.array([lengths[0], 0, 0]), np.array([0, lengths[1], 0]), np.array([0, 0, 1]))
-    second = (
-        np.array([other_x[0], other_y[0], distance]), np.array([lengths[2], 0, 0]), np.array([0, lengths[3], 0]),
-        np.array([0, 0, -1]),
-    )  # fmt: skip
-    expected = brute(first, second) / (lengths[0] * lengths[1])
+    sides = [(start, start + length) for start, length in zip(starts, lengths, strict=True)]
+    found, expected = transport.parallel_rectangles(*sides, distance), brute(*sides, distance)
     assert abs(found.value - expected) < 1e-12 * expected + found.error
     assert found.error < 1e-10
 
 
 @given(st.lists(st.floats(1.5, 3), min_size=4, max_size=4), st.lists(st.floats(0.1, 1.2), min_size=4, max_size=4))
 def test_perpendicular_rectangles_anywhere(starts, lengths):
-    x, y, z, other_y = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
-    found = transport.perpendicular_rectangles(x, y, z, other_y)
-    first = (np.array([x[0], y[0], 0]), np.array([lengths[0], 0, 0]), np.array([0, lengths[1], 0]), np.array([0, 0, 1]))
-    second = (
-        np.array([0, other_y[0], z[0]]), np.array([0, lengths[3], 0]), np.array([0, 0, lengths[2]]), np.array([1, 0, 0])
-    )  # fmt: skip
-    expected = brute(first, second) / (lengths[0] * lengths[1])
+    sides = [(start, start + length) for start, length in zip(starts, lengths, strict=True)]
+    found, expected = transport.perpendicular_rectangles(*sides), brute(*sides)
     assert abs(found.value - expected) < 1e-9 * expected + found.error
 
 
@@ -104,18 +103,10 @@ def test_errors_hold_for_far_rectangles_of_any_size(rectangles):
     for _ in range(200):
         lengths = 10 ** generator.uniform(-5, -1) * generator.uniform(0.3, 1, 4)
         starts = generator.uniform(1, 2, 4)
-        x, y, third, fourth = ((start, start + length) for start, length in zip(starts, lengths, strict=True))
-        parallel = rectangles is transport.parallel_rectangles
+        sides = [(start, start + length) for start, length in zip(starts, lengths, strict=True)]
         distance = generator.choice([1.0, 0.7, 3.0])
-        found = rectangles(x, y, third, fourth, *([distance] if parallel else []))
-        first = (np.array([x[0], y[0], 0]), np.array([x[1] - x[0], 0, 0]), np.array([0, y[1] - y[0], 0]), np.array([0, 0, 1]))
-        a, b = third[1] - third[0], fourth[1] - fourth[0]
-        second = (
-            (np.array([third[0], fourth[0], distance]), np.array([a, 0, 0]), np.array([0, b, 0]), np.array([0, 0, -1]))
-            if parallel
-            else (np.array([0, fourth[0], third[0]]), np.array([0, 0, a]), np.array([0, b, 0]), np.array([1, 0, 0]))
-        )
-        expected = brute(first, second, 6) / ((x[1] - x[0]) * (y[1] - y[0]))
+        given = (*sides, distance) if rectangles is transport.parallel_rectangles else sides
+        found, expected = rectangles(*given), brute(*given, nodes=6)
         # The points of the brute force are rounded where the rectangles are.
         assert abs(found.value - expected) <= found.error + 1e-12 * expected
 
