@@ -337,42 +337,23 @@ def test_the_search_tells_how_far_it_is():
 
 
 @pytest.mark.parametrize("function", [False, True])
-@pytest.mark.parametrize(
-    ("kind", "power"),
-    [
-        *(("line", power) for power in (0.5, 1.0, 2.0)),
-        ("point", 0.5),
-        ("point", 1.0),
-        ("point", 2.0),
-    ],
-)
-def test_a_pole_inside_the_box_is_no_number(kind: str, power: float, function: bool):
-    """For one value of a parameter at all angles, and at one angle only."""
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("kind", ["line", "point", "end"])
+def test_a_pole_is_no_number(kind: str, power: float, function: bool):
+    """For one value of a parameter at all angles, inside the box or at its end, and at one angle only."""
+    place = 1.0 if kind == "end" else 0.371
 
     def surface(parameters, mu, _):
         with np.errstate(divide="ignore"):
-            return 0.1 * np.hypot(parameters[:, 0] - 0.371, mu - 0.6 if kind == "point" else 0.0) ** -power
+            return 0.1 * np.hypot(parameters[:, 0] - place, mu - 0.6 if kind == "point" else 0.0) ** -power
 
     found = supremum(Planted(surface, {"a": (0.0, 1.0)}, function=function))
     assert (found.value, found.least) == (np.inf, np.inf)
     assert found.unbounded is not None
-    assert found.unbounded.startswith("towards a=0.371")
-    assert found.parameters["a"] == pytest.approx(0.371, abs=1e-3)
+    assert kind == "end" or found.unbounded.startswith("towards a=0.371")
+    assert found.parameters["a"] == pytest.approx(place, abs=1e-3)
     if kind == "point":
         assert found.cos_theta == pytest.approx(0.6, abs=1e-3)
-
-
-@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize("function", [False, True])
-def test_a_pole_at_an_end_of_the_box_is_no_number(power: float, function: bool):
-    def surface(parameters, mu, _):
-        with np.errstate(divide="ignore"):
-            return 0.1 * (1 - parameters[:, 0]) ** -power + 0 * mu
-
-    found = supremum(Planted(surface, {"a": (0.0, 1.0)}, function=function))
-    assert (found.value, found.least) == (np.inf, np.inf)
-    assert found.unbounded is not None
-    assert found.parameters["a"] == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize("function", [False, True])
