@@ -172,43 +172,30 @@ def test_closed_forms_at_normal_incidence_only(name):
     assert np.isinf(beside.error)
 
 
-class _Counted(AbstractZonalLobe):
-    """A lobe that counts how often it is asked."""
-
-    form: str = eqx.field(static=True)
-    inner: Phong
-    seen: list[int] = eqx.field(static=True)
-
-    def profile(self, versine):
-        self.seen.append(int(np.prod(versine.shape)))
-        return self.inner.profile(versine)
-
-    def width(self):
-        return self.inner.width()
-
-    def breaks(self):
-        return self.inner.breaks()
-
-
-@pytest.mark.parametrize("name", [name for name in TRACED if name not in ("half-vector", "closed-form")])
-def test_evaluations_are_counted_exactly(name):
-    rule, lobe = RULES[name](RULES[name].ladder[1]), _Counted("mirror", Phong(5.0), [])
-    claimed = []
-    jax.eval_shape(lambda mu: claimed.append(rule.integrate(lobe, mu, KEY if rule.random else None).evaluations), 0.6)
-    assert sum(lobe.seen) == claimed[0] > 0  # traced, not run
-
-
-def test_evaluations_of_the_rules_over_half_vectors_and_on_the_host_are_counted_exactly(monkeypatch):
+def counted(monkeypatch, kind, method):
+    """How many values each call of a method of a lobe gives from now on."""
     seen: list[int] = []
-    original = CookTorrance.facet_kernel
+    original = getattr(kind, method)
 
-    def kernel(self, *arguments):
+    def counting(self, *arguments):
         value = original(self, *arguments)
         seen.append(value.size)
         return value
 
-    monkeypatch.setattr(CookTorrance, "facet_kernel", kernel)
+    monkeypatch.setattr(kind, method, counting)
+    return seen
+
+
+@pytest.mark.parametrize("name", [name for name in TRACED if name not in ("half-vector", "closed-form")])
+def test_evaluations_are_counted_exactly(name, monkeypatch):
+    rule, seen = RULES[name](RULES[name].ladder[1]), counted(monkeypatch, Phong, "profile")
     claimed = []
+    jax.eval_shape(lambda mu: claimed.append(rule.integrate(Phong(5.0), mu, KEY if rule.random else None).evaluations), 0.6)
+    assert sum(seen) == claimed[0] > 0  # traced, not run
+
+
+def test_evaluations_of_the_rules_over_half_vectors_and_on_the_host_are_counted_exactly(monkeypatch):
+    seen, claimed = counted(monkeypatch, CookTorrance, "facet_kernel"), []
     lobe = CookTorrance(0.5, masking="smith-separable")
     jax.eval_shape(lambda mu: claimed.append(half_vector.HalfVector(2).integrate(lobe, mu, None).evaluations), 0.5)
     assert sum(seen) == claimed[0]
