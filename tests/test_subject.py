@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shaders
 
 from brdfcheck.brdf import catalog
 from brdfcheck.brdf.readers.base import Reading
@@ -22,17 +23,9 @@ Write = Callable[..., str]
 
 
 @pytest.fixture
-def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """Writes a Python file and returns its path; what is imported is forgotten afterwards."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-
-    def write(source: str, name: str = "mine.py") -> str:
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(textwrap.dedent(source))
-        return str(path)
-
-    return write
+def write(here: Path) -> Write:
+    """Writes a Python file and returns its path."""
+    return lambda source, name="mine.py": shaders.write(here, textwrap.dedent(source), name)
 
 
 def one(spec: str, **ranges: tuple[float, float]) -> Target:
