@@ -6,6 +6,7 @@ Nothing of the package is used: rays are cut with the planes of the faces, weigh
 from __future__ import annotations
 
 import numpy as np
+from numpy_shader import normalised
 
 
 def camera_rays(eye, target, up, size, *, half_height=None, field_of_view=None):
@@ -48,10 +49,6 @@ def seen(vertices, faces, origins, directions, *, cull=True):
     return face, weights, margin
 
 
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def averaged_normals(vertices, faces, *, by_area):
     """Vertex normals by a plain loop over faces and their vertices."""
     total = np.zeros_like(vertices)
@@ -60,14 +57,14 @@ def averaged_normals(vertices, faces, *, by_area):
         normal = np.cross(b - a, c - a)
         for vertex in face:
             total[vertex] += normal if by_area else normal / np.linalg.norm(normal)
-    return unit(total)
+    return normalised(total)
 
 
 def blinn(normal, view, light, color, gloss, n):
     """color max(0, N.L) + gloss max(0, N.H)^n where the light is above: rows of unit vectors in, rgb out."""
-    light = unit(np.asarray(light, float))
+    light = normalised(np.asarray(light, float))
     lit = normal @ light
-    half = unit(view + light)
+    half = normalised(view + light)
     highlight = np.maximum(np.sum(normal * half, axis=-1), 0) ** n
     return np.where(lit[..., None] > 0, np.maximum(lit, 0)[..., None] * color + gloss * highlight[..., None], 0.0)
 
@@ -80,12 +77,12 @@ def image(vertices, faces, normals, origins, directions, shader, shading, *, cul
     perspective = not np.array_equal(directions[0, 0], directions[-1, -1])
 
     def view(point):
-        return unit(origins[0, 0] - point) if perspective else np.broadcast_to(backwards, point.shape)
+        return normalised(origins[0, 0] - point) if perspective else np.broadcast_to(backwards, point.shape)
 
     if shading == "flat":
         centre = vertices[faces].mean(axis=1)
         a, b, c = vertices[faces].transpose(1, 0, 2)
-        rgb = shader(centre, unit(np.cross(b - a, c - a)), view(centre))[np.maximum(face, 0)]
+        rgb = shader(centre, normalised(np.cross(b - a, c - a)), view(centre))[np.maximum(face, 0)]
     elif shading == "gouraud":
         rgb = np.einsum("hwk,hwkc->hwc", weights, shader(vertices, normals, view(vertices))[corners])
     else:

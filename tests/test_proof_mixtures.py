@@ -8,6 +8,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy_shader import normalised
 from shared import replaced
 
 import brdfcheck
@@ -28,24 +29,21 @@ def varnish(n, f0):
     return brdfcheck.FresnelBlend(coat, brdfcheck.Lambert(1.0), f0)
 
 
-def directions(count):
-    w = np.random.default_rng(2).normal(size=(2, count, 3))
-    w[..., 2] = np.abs(w[..., 2])
-    return w / np.linalg.norm(w, axis=-1, keepdims=True)
+UPWARDS = normalised(np.random.default_rng(2).normal(size=(2, 50, 3)))
+UPWARDS[..., 2] = np.abs(UPWARDS[..., 2])
+WI, WO = UPWARDS
 
 
 def test_a_mixture_is_the_sum_of_its_parts():
-    wi, wo = directions(50)
-    found = layered(7.0, 0.3)(wi, wo)
+    found = layered(7.0, 0.3)(WI, WO)
     parts = [brdfcheck.Lambert(0.9), phong(7.0), brdfcheck.CookTorrance(0.3)]
-    assert np.allclose(found, sum(w * part(wi, wo) for w, part in zip((0.3, 0.5, 0.2), parts, strict=True)), rtol=1e-6)
+    assert np.allclose(found, sum(w * part(WI, WO) for w, part in zip((0.3, 0.5, 0.2), parts, strict=True)), rtol=1e-6)
 
 
 def test_a_fresnel_blend_is_reciprocal_and_all_diffuse_or_all_coat_at_its_ends():
-    wi, wo = directions(50)
     blend = varnish(9.0, 0.2)
-    assert np.allclose(blend(wi, wo), blend(wo, wi), rtol=1e-6)
-    assert np.allclose(varnish(9.0, 1.0)(wi, wo), blend.coat(wi, wo), rtol=1e-5)
+    assert np.allclose(blend(WI, WO), blend(WO, WI), rtol=1e-6)
+    assert np.allclose(varnish(9.0, 1.0)(WI, WO), blend.coat(WI, WO), rtol=1e-5)
     up = jnp.array([[0.0, 0.0, 1.0]])
     assert np.allclose(varnish(9.0, 0.0)(up, up), 1 / np.pi)
     grazing = jnp.array([[1.0, 0.0, 0.0]])

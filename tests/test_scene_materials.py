@@ -29,20 +29,14 @@ def middle(name):
     return {key: {"n": 30.0, "m": 0.3, "alpha": 0.3, "reflectance": 1.0}[key] for key in ranges}
 
 
-def directions(count, seed=0):
-    """Unit normals, and views in front of them, (count, 3) each."""
-    rng = np.random.default_rng(seed)
-    normals, views = numpy_shader.normalised(rng.normal(size=(2, count, 3)))
-    return normals, np.where(numpy_shader.dots(normals, views)[:, None] < 0, -views, views)
-
-
 @pytest.fixture
 def quick(monkeypatch):
     """What is refused is searched quickly: the search is not what is tested."""
     monkeypatch.setattr(materials, "check", functools.partial(materials.check, effort="quick"))
 
 
-NORMALS, VIEWS = directions(400)
+NORMALS, VIEWS = numpy_shader.normalised(np.random.default_rng(0).normal(size=(2, 400, 3)))
+VIEWS = np.where(numpy_shader.dots(NORMALS, VIEWS)[:, None] < 0, -VIEWS, VIEWS)  # in front of the surface
 POINTS = np.random.default_rng(5).normal(size=(400, 3)) * 0.3
 DISTANT, FAR = Distant((0.4, 0.8, 0.5), (1.0, 0.8, 0.6)), {"direction": (0.4, 0.8, 0.5), "intensity": (1.0, 0.8, 0.6)}
 POINT, NEAR = Point((-2, 1, 2), 0.5, linear_attenuation=0.3), {"position": (-2, 1, 2), "intensity": 0.5, "linear": 0.3}

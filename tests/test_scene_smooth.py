@@ -78,7 +78,7 @@ def test_phong_with_exact_normals_is_the_exact_sphere(level):
     image = np.moveaxis(np.asarray(image_of(mesh, camera, everything, size=(64, 64), normals=mesh.vertices)), 0, -1)
     image = image[np.any(image != 0, axis=-1)]
     assert len(image) > 2000
-    normal = plain.unit(image[:, :3])
+    normal = plain.normalised(image[:, :3])
     np.testing.assert_allclose(image[:, 3:6], normal, atol=1e-14)
     # So the image is the exact sphere's, shaded where the radius through the facet meets the sphere.
     exact = plain.blinn(normal, np.broadcast_to([0.0, 0, 1], normal.shape), LIGHT, COLOR, GLOSS, N)

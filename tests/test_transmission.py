@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy_shader import normalised
 from selection import few
 from shared import fresnel
 
@@ -33,11 +34,6 @@ needs_mitsuba = pytest.mark.skipif(
 # Compiled whole: operation by operation, each shape would compile dozens of small programs.
 values = eqx.filter_jit(lambda surface, wi, wo: (surface(wi, wo), reciprocal_form(surface)(wi, wo)))
 weights = eqx.filter_jit(lambda surface, cosine, below: surface.weights(cosine, below))
-
-
-def unit(random: np.random.Generator, count: int) -> np.ndarray:
-    vectors = random.normal(size=(count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def sampled(kind: str, alpha: float, ratio: float, cosine: float, count: int = 400_000) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +128,7 @@ def test_furnace_closes_up_to_masking(kind):
 @pytest.mark.parametrize("eta", [1.5, 0.75])
 def test_reciprocity_on_the_whole_sphere(kind, eta):
     random = np.random.default_rng(1)
-    wi, wo = unit(random, 4000), unit(random, 4000)
+    wi, wo = normalised(random.normal(size=(2, 4000, 3)))
     surface = RoughDielectric(0.4, eta, kind)
     (plain, there), (swapped, back) = (map(np.asarray, values(surface, *pair)) for pair in ((wi, wo), (wo, wi)))
     np.testing.assert_allclose(there, back, rtol=1e-9, atol=1e-12)
@@ -159,7 +155,7 @@ def test_rough_dielectric_is_mitsubas(kind):
 
     for below in (0.0, 1.0):
         theirs = family.build(below=below)
-        wi, wo = unit(random, 400), unit(random, 400)
+        wi, wo = normalised(random.normal(size=(2, 400, 3)))
         wi[:, 2] = np.abs(wi[:, 2]) * (1 - 2 * below)
         theirs.plugin.put(theirs._values)
         expected = theirs.plugin.cosine_values(wi, wo, 1)[:, 0]
