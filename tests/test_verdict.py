@@ -352,7 +352,10 @@ def test_parameters_may_have_the_names_of_angles() -> None:
 
     report = check(family, angle=(0, 1), cell=(0, 1), effort="quick")
     assert set(report.width) == {"parameter angle", "parameter cell", "angle", "view", "cell"}
-    assert re.search(r"% of the parameter angle, .* % of the parameter cell, .* deg of the angle, .* deg of the view or .* % of all", str(report))
+    assert re.search(
+        r"% of the parameter angle, .* % of the parameter cell, .* deg of the angle, .* deg of the view or .* % of all",
+        str(report),
+    )
 
 
 def test_what_decided_is_told_where_the_bar_contains_1() -> None:
