@@ -24,7 +24,6 @@ from matplotlib.lines import Line2D
 
 from _instruments import transport as measure
 from brdfcheck import catalog, transport
-from brdfcheck.output import records
 from brdfcheck.plots import paper
 from brdfcheck.plots.styles import ink, style_of
 from brdfcheck.studies import table
@@ -61,9 +60,7 @@ def run(size: str = "full") -> dict[str, Any]:
             "radii": radii, "beam": np.asarray(bare.energy(np.arange(BEAM + 1)))[:, -1].tolist(), "traced": traced,
             "bounces": kept.tolist(), "late": np.asarray(late).tolist(),
         })  # fmt: skip
-    claims = []
-    for name in CLAIMS:
-        claims.append({"name": name, **records.plain(measure.radii(catalog.exponent_family(name), exponents, **nodes))})
+    claims = [{"name": name, **measure.radii(catalog.exponent_family(name), exponents, **nodes)} for name in CLAIMS]
     return {"settings": {"paths": paths, **nodes}, "results": results, "summary": {"claims": claims}}
 
 

@@ -9,7 +9,6 @@ import itertools
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -46,20 +45,6 @@ LABELS: dict[str, str] = {
 }
 
 
-@dataclass(frozen=True)
-class Point:
-    """One solver with one setting: largest error and largest claimed error by the largest radiosity, seconds, cost, steps."""
-
-    method: str
-    setting: float
-    error: float
-    claimed: float
-    seconds: float
-    cost: float
-    steps: int
-    message: str
-
-
 def work_precision(
     enclosure: Box,
     emission: Any,
@@ -69,10 +54,11 @@ def work_precision(
     key: Any,
     settings: int,
     repeats: int,
-) -> list[Point]:
+) -> list[dict[str, Any]]:
     """Every solver through its settings: the first `settings` of them, until one takes longer than `_LONGEST` seconds.
 
     `reference`: the radiosity of each patch from elsewhere. Paths solve the equation of patches, so that all solve one.
+    ``error``, and the ``claimed`` one: the largest, by the largest radiosity.
     """
     runs: list[tuple[str, Sequence[float], Callable[[Any], Solution]]] = [
         ("direct", (0.0,), lambda _: direct(enclosure, emission, reflectance)),
@@ -87,27 +73,13 @@ def work_precision(
             seconds, solution = timed(lambda solve=solve, setting=setting: solve(setting), repeats)
             error = float(np.max(np.abs(np.asarray(solution.value, float) - reference))) / size
             claimed = float(np.max(np.asarray(solution.error, float))) / size
-            found.append(
-                Point(method, setting, error, claimed, seconds, float(solution.cost), int(solution.steps), solution.message)
-            )
+            found.append({
+                "method": method, "setting": setting, "error": error, "claimed": claimed, "seconds": seconds,
+                "cost": float(solution.cost), "steps": int(solution.steps), "message": solution.message,
+            })  # fmt: skip
             if seconds > _LONGEST:
                 break
     return found
-
-
-@dataclass(frozen=True)
-class Growth:
-    """Seconds and memory for one number of patches: form factors made, then each solver; bytes of the direct program.
-
-    `process_bytes`: the most that the whole process has held so far, whatever for; 0 where the system does not tell.
-    """
-
-    patches: int
-    form_factor_seconds: float
-    solver_seconds: dict[str, float]
-    matrix_bytes: int
-    direct_bytes: int
-    process_bytes: int
 
 
 def growth(
@@ -115,10 +87,11 @@ def growth(
     *,
     size: tuple[float, float, float],
     repeats: int,
-) -> list[Growth]:
+) -> list[dict[str, Any]]:
     """Boxes of more and more patches, the floor emitting: what form factors and deterministic solvers take (tolerance 1e-6).
 
-    `direct_bytes`: what the compiled program of the direct solve holds at once, arguments and result included.
+    ``direct_bytes``: what the compiled program of the direct solve holds at once, arguments and result included.
+    ``process_bytes``: the most that the whole process has held so far, whatever for; 0 where the system does not tell.
     """
     reflectance, found = 0.7, []
     for counts in cells:
@@ -134,7 +107,10 @@ def growth(
         posed = problem(room, light, reflectance)
         memory = solve_directly.lower(posed).compile().memory_analysis()
         held = memory.argument_size_in_bytes + memory.output_size_in_bytes + memory.temp_size_in_bytes if memory else 0
-        found.append(Growth(room.patches, making, seconds, int(room.form_factors.nbytes), int(held), _process_bytes()))
+        found.append({
+            "patches": room.patches, "form_factor_seconds": making, "solver_seconds": seconds,
+            "matrix_bytes": int(room.form_factors.nbytes), "direct_bytes": int(held), "process_bytes": _process_bytes(),
+        })  # fmt: skip
     return found
 
 
@@ -166,77 +142,56 @@ def timed(run: Callable[[], Any], repeats: int, *, warm: bool = True) -> tuple[f
     return best, answer
 
 
-@dataclass(frozen=True)
-class Level:
-    """What one solver says at one reflectance: radiosity of each patch, its largest error, the residual, and the status."""
-
-    method: str
-    reflectance: float
-    value: tuple[float, ...]
-    error: float
-    residual: float
-    cost: float
-    status: str
-    message: str
-
-
 def levels(
     enclosure: Sphere | Box, emission: Any, reflectances: Sequence[float], *, key: Any = None, paths: int = 2**16
-) -> list[Level]:
-    """All solvers at uniform reflectances, those at and above 1 too; path tracing where there is a `key`."""
+) -> list[dict[str, Any]]:
+    """All solvers at uniform reflectances, those at and above 1 too; path tracing where there is a `key`.
+
+    ``value``: the radiosity of each patch; ``error``: the largest.
+    """
     found = []
     for rho in reflectances:
         solutions = [solve(enclosure, emission, rho) for solve in (direct, krylov, progressive, neumann_series)]
         if key is not None:
             solutions.append(trace(enclosure, emission, rho, key=key, paths=paths))
         for one in solutions:
-            value, error = tuple(np.asarray(one.value, float).tolist()), float(np.max(np.asarray(one.error)))
-            numbers = (float(one.residual), float(one.cost))
-            found.append(Level(one.method, float(rho), value, error, *numbers, one.status.name, one.message))
+            found.append({
+                "method": one.method, "reflectance": float(rho), "value": np.asarray(one.value, float).tolist(),
+                "error": float(np.max(np.asarray(one.error))), "residual": float(one.residual), "cost": float(one.cost),
+                "status": one.status.name, "message": one.message,
+            })  # fmt: skip
     return found
 
 
-@dataclass(frozen=True)
-class Walls:
-    """Mean radiosity of a cube's walls where the floor glows: the floor, the ceiling, the sides. Errors where known, else 0."""
+def refinement(
+    cells: Sequence[int], reflectance: float, *, key: Any, paths: int
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """A cube whose floor emits 1, by k x k patches a wall for each k, and without patches by path tracing.
 
-    patches: int
-    glowing: float
-    opposite: float
-    sides: float
-    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    The mean radiosity of its walls, the ``sides`` together; ``errors`` in the same order: where they are known, else 0.
+    """
 
+    def means(values: Any) -> list[float]:
+        walls = np.asarray(values, float).reshape(6, -1).mean(axis=1)
+        return [float(walls[4]), float(walls[5]), float(np.mean(walls[:4]))]
 
-def refinement(cells: Sequence[int], reflectance: float, *, key: Any, paths: int) -> tuple[list[Walls], Walls]:
-    """A cube whose floor emits 1, by k x k patches a wall for each k, and without patches by path tracing."""
-
-    def walls(values: Any) -> tuple[float, float, float]:
-        means = np.asarray(values, float).reshape(6, -1).mean(axis=1)
-        return float(means[4]), float(means[5]), float(np.mean(means[:4]))
+    def told(patches: int, values: Any, errors: Any) -> dict[str, Any]:
+        walls = dict(zip(("glowing", "opposite", "sides"), means(values), strict=True))
+        return {"patches": patches, **walls, "errors": means(errors)}
 
     found = []
     for count in cells:
         cube = box(cells=count)
-        found.append(Walls(cube.patches, *walls(krylov(cube, cube.on_wall(4, 1.0), reflectance).value)))
+        found.append(told(cube.patches, krylov(cube, cube.on_wall(4, 1.0), reflectance).value, np.zeros(6)))
     cube = box()
     light = trace(cube, cube.on_wall(4, 1.0), reflectance, key=key, paths=paths)
-    return found, Walls(0, *walls(light.value), errors=walls(light.error))
+    return found, told(0, light.value, light.error)
 
 
-@dataclass(frozen=True)
-class Radii:
-    """A family inside a sphere at rising parameters: largest albedo and spectral radius, and where the latter crosses 1."""
-
-    parameters: tuple[float, ...]
-    largest: tuple[float, ...]
-    radii: tuple[float, ...]
-    crossings: tuple[float, ...]
-
-
-def radii(family: Callable[[float], Any], parameters: Sequence[float], **nodes: int) -> Radii:
+def radii(family: Callable[[float], Any], parameters: Sequence[float], **nodes: int) -> dict[str, list[float]]:
     """The radius of the angular operator of ``family(parameter)``; crossings of 1 between neighbours to 1e-4.
 
-    The largest albedo is that over the operator's nodes. `nodes`: what `angular_operator` takes.
+    ``largest``: the largest albedo over the operator's nodes. `nodes`: what `angular_operator` takes.
     """
 
     def operator(parameter: float) -> AngularOperator:
@@ -247,8 +202,12 @@ def radii(family: Callable[[float], Any], parameters: Sequence[float], **nodes: 
 
     operators = [operator(parameter) for parameter in parameters]
     found = [float(part.spectral_radius().value) - 1 for part in operators]
-    largest = tuple(float(jnp.max(part.albedo())) for part in operators)
     pairs = zip(itertools.pairwise(parameters), itertools.pairwise(found), strict=True)
     between = [ends for ends, (low, high) in pairs if low * high < 0]
     crossings: list[Any] = [brentq(excess, *map(float, ends), xtol=1e-4) for ends in between]
-    return Radii(tuple(map(float, parameters)), largest, tuple(1 + value for value in found), tuple(crossings))
+    return {
+        "parameters": list(map(float, parameters)),
+        "largest": [float(jnp.max(part.albedo())) for part in operators],
+        "radii": [1 + value for value in found],
+        "crossings": crossings,
+    }
