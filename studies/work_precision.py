@@ -23,6 +23,7 @@ from _instruments.charts import ROUNDING
 from _instruments.peers import PEERS, mitsuba_peer
 from _instruments.work_precision import Case, measure_all, single
 from brdfcheck import CookTorrance, KuijkBlake, Phong, plots
+from brdfcheck.output import records
 from brdfcheck.quadrature import RULES
 from brdfcheck.studies import table
 
@@ -56,7 +57,7 @@ def run(size: str = "full") -> dict[str, Any]:
             rules = [rule for rule in RULES.values() if rule.family not in ("montecarlo", "quasi-montecarlo")]
         if size == "small":
             rules = [RULES[name] for name in ("cosine-monte-carlo", "gauss-product", "zonal", "closed-form")]
-        results += [point.to_json_object() for point in measure_all(rules, case, most_seconds=limit, settings=ladder)]
+        results += records.plain(measure_all(rules, case, most_seconds=limit, settings=ladder))
     ran = {result["rule"] for result in results}
     settings = {
         "missing_peers": {name: peer.missing() for name, peer in PEERS.items() if name not in present},

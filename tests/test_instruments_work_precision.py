@@ -15,6 +15,7 @@ from _instruments import charts
 from _instruments.peers import PEERS, AbstractPeer
 from _instruments.work_precision import Case, measure, measure_all
 from brdfcheck.brdf.lobes import Phong
+from brdfcheck.output import records
 from brdfcheck.quadrature import RULES
 from brdfcheck.quadrature.rule import Raw
 
@@ -24,13 +25,13 @@ SMOOTH = Case("smooth", "Phong", Phong(10.0), 10.0, 0.7, 0.366679030988365627490
 
 def test_a_measurement_holds_what_a_chart_needs():
     point = measure(RULES["gauss-product"](16), SMOOTH, repeats=2)
-    assert point.evaluations == 512
-    assert point.error == pytest.approx(abs(point.value / SMOOTH.reference - 1), rel=1e-9, abs=1e-16)
-    assert np.isnan(point.claimed)
-    assert 0 < point.batched_seconds < point.warm_seconds  # without the cost of a call
-    assert point.compile_seconds > point.warm_seconds  # the first call compiles
-    assert (point.dtype, point.lobe, point.setting, point.status) == ("float64", "Phong", 16, "ok")
-    record = json.loads(json.dumps(point.to_json_object(), allow_nan=False))
+    assert point["evaluations"] == 512
+    assert point["error"] == pytest.approx(abs(point["value"] / SMOOTH.reference - 1), rel=1e-9, abs=1e-16)
+    assert np.isnan(point["claimed"])
+    assert 0 < point["batched_seconds"] < point["warm_seconds"]  # without the cost of a call
+    assert point["compile_seconds"] > point["warm_seconds"]  # the first call compiles
+    assert (point["dtype"], point["lobe"], point["setting"], point["status"]) == ("float64", "Phong", 16, "ok")
+    record = json.loads(json.dumps(records.plain(point), allow_nan=False))
     assert record["claimed"] == "NaN"
 
 
@@ -42,7 +43,7 @@ def test_chance_is_the_middle_of_some_runs():
 
         value = RULES["cosine-monte-carlo"](256)(SMOOTH.brdf, jnp.asarray(0.7), key=jax.random.key(seed)).value
         errors.append(abs(float(value) / SMOOTH.reference - 1))
-    assert point.error == pytest.approx(sorted(errors)[2], rel=1e-9)
+    assert point["error"] == pytest.approx(sorted(errors)[2], rel=1e-9)
 
 
 class Compiling(AbstractPeer):
@@ -75,10 +76,10 @@ class Compiling(AbstractPeer):
 
 def test_what_a_peer_compiles_is_not_its_warm_time():
     points = measure_all([Compiling], SMOOTH, most_seconds=0.02)
-    assert [point.setting for point in points] == [0.3, 0.31]  # a ladder does not end where something is compiled
+    assert [point["setting"] for point in points] == [0.3, 0.31]  # a ladder does not end where something is compiled
     for point in points:
-        assert point.warm_seconds < 0.15
-        assert point.compile_seconds > 0.15
+        assert point["warm_seconds"] < 0.15
+        assert point["compile_seconds"] > 0.15
 
 
 class Slow(Compiling):
@@ -97,13 +98,13 @@ def test_a_slow_peer_that_compiles_nothing_is_run_once(monkeypatch, budget, time
     monkeypatch.setattr(Slow, "called", [])
     point = measure(Slow(0.2), SMOOTH, budget=budget)
     assert len(Slow.called) == times
-    assert 0.2 <= point.warm_seconds < 1
-    assert point.compile_seconds < 0.15
+    assert 0.2 <= point["warm_seconds"] < 1
+    assert point["compile_seconds"] < 0.15
 
 
 def test_rules_that_do_not_take_a_case_are_left_out():
     points = measure_all([RULES["half-vector"], RULES["zonal"]], SMOOTH, settings=2)
-    assert {point.rule for point in points} == {"zonal"}
+    assert {point["rule"] for point in points} == {"zonal"}
     assert len(points) == 2
 
 

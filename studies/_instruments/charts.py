@@ -87,7 +87,7 @@ def label_places(
 def figure(records: Sequence[Mapping[str, Any]], cost: str = "warm_seconds") -> Figure:
     """One panel for each case of the records: each rule's errors joined faintly, the frontier of all of them bold.
 
-    `records`: objects of `WorkPrecision.to_json_object`. `cost`: one of `_COSTS`.
+    `records`: of `_instruments.work_precision.measure`. `cost`: one of `_COSTS`.
     """
     from matplotlib.lines import Line2D
 

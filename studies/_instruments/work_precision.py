@@ -19,7 +19,6 @@ import numpy as np
 
 from _instruments.peers import AbstractPeer
 from brdfcheck.cores import on_one_core
-from brdfcheck.output import records
 from brdfcheck.quadrature.rule import MESSAGES, AbstractRule, RuleKind
 
 # Albedos of a batch, and the evaluations of one beside which the cost of a call is nothing.
@@ -27,43 +26,6 @@ BATCH, _MANY = 64, 2**15
 # Budgets after which a peer that compiles nothing is not run a second time.
 _MUCH = 10
 _RUNS = 5
-
-
-@dataclass(frozen=True)
-class WorkPrecision:
-    """One rule with one setting at one place.
-
-    `error` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs. `claimed` is
-    what the rule says of itself, also relative (NaN where it says nothing). `evaluations` of the BRDF for one albedo.
-    `warm_seconds`: the fastest repeat, on one core; `batched_seconds`: of each of `BATCH` in one call, the fastest of three,
-    where the rule is a program and evaluates so little that the call counts, else the same; `compile_seconds`: what the first
-    call, on all cores, took beyond `warm_seconds`.
-    `parameter` is the exponent n, or the slope m of a microfacet lobe.
-    """
-
-    case: str
-    rule: str
-    family: str
-    setting: Any
-    lobe: str
-    parameter: float
-    cos_theta: float
-    value: float
-    reference: float
-    error: float
-    claimed: float
-    evaluations: int
-    warm_seconds: float
-    batched_seconds: float
-    compile_seconds: float
-    status: str
-    dtype: str
-    device: str
-
-    def to_json_object(self) -> dict[str, Any]:
-        """All fields, ready for strict JSON; times to four digits."""
-        times = {name: float(f"{value:.4g}") for name, value in vars(self).items() if name.endswith("_seconds")}
-        return records.plain(vars(self) | times)
 
 
 @dataclass(frozen=True)
@@ -92,11 +54,17 @@ def single(case: Case) -> Case:
     return dataclasses.replace(case, name=f"{case.name}, float32", brdf=narrow)
 
 
-def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, budget: float = 2.0) -> WorkPrecision:
+def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, budget: float = 2.0) -> dict[str, Any]:
     """Run a rule on a case. `repeats`: of the timing; a rule with chance in it runs `_RUNS` times, with other keys.
 
     No more repeats are begun once `budget` seconds are spent, but one always is: `warm_seconds` never holds what the first
     call compiles. A peer that compiles nothing and took ten times the budget is not run again. Errors of the rule pass through.
+
+    A record: ``error`` is |value - reference| / reference; of a rule with chance in it, that of the middle one of its runs.
+    ``claimed`` is what the rule says of itself, also relative (NaN where it says nothing). ``evaluations`` of the BRDF for one
+    albedo. Seconds: ``warm``, the fastest repeat, on one core; ``batched``, of each of `BATCH` in one call, the fastest of
+    three, where the rule is a program and evaluates so little that the call counts, else the same; ``compile``, what the first
+    call, on all cores, took beyond ``warm``. ``parameter`` is the exponent n, or the slope m of a microfacet lobe.
     """
     mu = jnp.asarray(case.cos_theta, case.dtype)
     cosines = jnp.full(BATCH, mu)
@@ -132,26 +100,25 @@ def measure(rule: AbstractRule, case: Case, *, repeats: int = 5, budget: float =
     middle = int(np.argsort(np.where(np.isnan(errors), np.inf, errors))[len(errors) // 2])
     chosen = answers[middle]
     claimed = float(chosen.error) / abs(case.reference)
-    return WorkPrecision(
-        case=case.name,
-        rule=rule.name,
-        family=rule.family,
-        setting=rule.setting,
-        lobe=case.lobe,
-        parameter=case.parameter,
-        cos_theta=case.cos_theta,
-        value=float(values[middle]),
-        reference=case.reference,
-        error=float(errors[middle]),
-        claimed=claimed if math.isfinite(claimed) else math.nan,
-        evaluations=int(chosen.evaluations),
-        warm_seconds=warm,
-        batched_seconds=batched,
-        compile_seconds=max(first - warm, 0.0),
-        status=MESSAGES[int(chosen.status)],
-        dtype=str(case.dtype),
-        device=f"{jax.devices()[0].platform} {jax.devices()[0].device_kind}",
-    )
+    seconds = {"warm": warm, "batched": batched, "compile": max(first - warm, 0.0)}
+    return {
+        "case": case.name,
+        "rule": rule.name,
+        "family": rule.family,
+        "setting": rule.setting,
+        "lobe": case.lobe,
+        "parameter": case.parameter,
+        "cos_theta": case.cos_theta,
+        "value": float(values[middle]),
+        "reference": case.reference,
+        "error": float(errors[middle]),
+        "claimed": claimed if math.isfinite(claimed) else math.nan,
+        "evaluations": int(chosen.evaluations),
+        **{f"{name}_seconds": float(f"{value:.4g}") for name, value in seconds.items()},
+        "status": MESSAGES[int(chosen.status)],
+        "dtype": str(case.dtype),
+        "device": f"{jax.devices()[0].platform} {jax.devices()[0].device_kind}",
+    }
 
 
 @eqx.filter_jit
@@ -177,7 +144,7 @@ def _timed(program: Callable[..., Any], count: int = 1) -> tuple[float, Any]:
 
 def measure_all(
     rules: Iterable[RuleKind], case: Case, *, most_seconds: float = 1.0, settings: int | None = None
-) -> list[WorkPrecision]:
+) -> list[dict[str, Any]]:
     """Every rule that takes the case, through its ladder of settings until one albedo takes longer than `most_seconds`.
 
     `settings`: only so many of each ladder, evenly. A setting that raises ends its ladder.
@@ -196,6 +163,6 @@ def measure_all(
             except ValueError:  # more than a peer takes on this machine
                 break
             found.append(point)
-            if point.warm_seconds > most_seconds:
+            if point["warm_seconds"] > most_seconds:
                 break
     return found
