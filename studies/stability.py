@@ -20,8 +20,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from _instruments import stability
 from _instruments.outcome_charts import CELLS, page, pictures, plot
+from _instruments.stability import failures, outcomes, survey
+from _instruments.stability.references import KINDS, read_references
 from brdfcheck.studies import table
 
 __all__ = ["pictures", "plot", "run", "summary"]
@@ -33,16 +34,16 @@ SMALL = ("phong", "kb", "ggx")
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the production rule and of others that know where the lobe is."""
-    references = stability.read_references(None if size == "full" else SMALL)
-    jobs = [stability.Job("production", stability.production, name) for name in references]
-    kinds = [name for name in stability.KINDS if name in references]
-    jobs += stability.of_rules(stability.FOLLOWING if size == "full" else {"zonal": 6}, kinds)
-    jobs += stability.of_rules({"adaptive": 1e-3}, ADAPTIVE if size == "full" else ())
-    jobs.append(stability.Job("production, eager", stability.production, EAGER, mode="eager"))
-    return stability.measured(jobs, references)
+    references = read_references(None if size == "full" else SMALL)
+    jobs = [survey.Job("production", outcomes.production, name) for name in references]
+    kinds = [name for name in KINDS if name in references]
+    jobs += survey.of_rules(survey.FOLLOWING if size == "full" else {"zonal": 6}, kinds)
+    jobs += survey.of_rules({"adaptive": 1e-3}, ADAPTIVE if size == "full" else ())
+    jobs.append(survey.Job("production, eager", outcomes.production, EAGER, mode="eager"))
+    return survey.measured(jobs, references)
 
 
 def summary(record: dict[str, Any]) -> str:
     """Counts by method and precision, the known failures with cause and remedy, and the maps."""
-    failures = table(("what fails", "cause", "remedy"), stability.KNOWN_FAILURES)
-    return page(record, CELLS, f"What fails, with cause and remedy:\n\n{failures}")
+    known = table(("what fails", "cause", "remedy"), failures.KNOWN_FAILURES)
+    return page(record, CELLS, f"What fails, with cause and remedy:\n\n{known}")

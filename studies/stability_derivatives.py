@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from _instruments import stability
 from _instruments.outcome_charts import page, pictures, plot
+from _instruments.stability import outcomes, survey
+from _instruments.stability.references import read_references
 
 __all__ = ["pictures", "plot", "run", "summary"]
 
@@ -35,15 +36,13 @@ SAMPLING = ("cosine-monte-carlo", "lobe-monte-carlo", "sobol", "gauss-product")
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of the derivatives of the production rule and of the others."""
-    references = stability.read_references(LOBES if size == "full" else SMALL)
-    jobs = [stability.Job("production", stability.production, name, "derivatives") for name in references]
-    rules = (
-        {name: stability.SAMPLING[name] for name in SAMPLING} | stability.FOLLOWING if size == "full" else {"gauss-product": 32}
-    )
-    others = stability.of_rules(rules, [name for name in OTHERS if name in references], "derivatives")
+    references = read_references(LOBES if size == "full" else SMALL)
+    jobs = [survey.Job("production", outcomes.production, name, "derivatives") for name in references]
+    rules = {name: survey.SAMPLING[name] for name in SAMPLING} | survey.FOLLOWING if size == "full" else {"gauss-product": 32}
+    others = survey.of_rules(rules, [name for name in OTHERS if name in references], "derivatives")
     first = {job.name: job for job in reversed(others)}.values()  # of each rule the first lobe that it takes
     jobs += [dataclasses.replace(job, precisions=(np.float64,)) for job in first]
-    return stability.measured(jobs, references)
+    return survey.measured(jobs, references)
 
 
 def summary(record: dict[str, Any]) -> str:

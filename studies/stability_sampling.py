@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from _instruments import stability
 from _instruments.outcome_charts import CELLS, page, pictures, plot
+from _instruments.stability import survey
+from _instruments.stability.references import KINDS, read_references
 
 __all__ = ["pictures", "plot", "run", "summary"]
 
@@ -30,10 +31,10 @@ SINGLE = ("phong", "ggx")  # in float32 too: to rules of samples it is noise
 
 def run(size: str = "full") -> dict[str, Any]:
     """Outcomes of rules whose samples do not follow the lobe, and of lobe-importance Monte Carlo."""
-    references = stability.read_references(stability.KINDS if size == "full" else SMALL)
-    jobs = stability.of_rules(stability.SAMPLING if size == "full" else {"gauss-product": 32}, references)
+    references = read_references(KINDS if size == "full" else SMALL)
+    jobs = survey.of_rules(survey.SAMPLING if size == "full" else {"gauss-product": 32}, references)
     wide = [dataclasses.replace(job, precisions=(np.float64,)) for job in jobs if job.lobe not in SINGLE]
-    return stability.measured([*wide, *(job for job in jobs if job.lobe in SINGLE)], references)
+    return survey.measured([*wide, *(job for job in jobs if job.lobe in SINGLE)], references)
 
 
 def summary(record: dict[str, Any]) -> str:

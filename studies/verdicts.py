@@ -20,8 +20,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from _instruments import stability
 from _instruments.outcome_charts import OUTCOMES
+from _instruments.stability.references import KINDS, read_references
+from _instruments.stability.verdicts import all_verdicts
 from brdfcheck.cores import available_cores
 from brdfcheck.plots import paper
 from brdfcheck.studies import table
@@ -37,8 +38,8 @@ LABELS = {
 def run(size: str = "full") -> dict[str, Any]:
     """Counts of right, undecided and false verdicts."""
     full = size == "full"
-    chosen = list(stability.read_references(stability.KINDS if full else SMALL).values())
-    found = stability.all_verdicts(chosen, 500 if full else 20, processes=min(2, len(available_cores())) if full else 1)
+    chosen = list(read_references(KINDS if full else SMALL).values())
+    found = all_verdicts(chosen, 500 if full else 20, processes=min(2, len(available_cores())) if full else 1)
     results = [{"of": of, **found[of]} for of in LABELS]
     summary = {key: sum(found[of][key] for of in LABELS) for key in ("verdicts", "false", "undecided")}
     return {"settings": {"factors": found["factors"]["verdicts"]}, "results": results, "summary": summary}

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from selection import few
 
-from _instruments import stability
-from _instruments.stability import Outcome
+from _instruments.stability import outcomes, references, verdicts
+from _instruments.stability.outcomes import Outcome
 from brdfcheck.brdf.factors import AbstractFactor, Normalized, exact_factor
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BinomialPower, Phong
@@ -20,13 +20,13 @@ from brdfcheck.quadrature import RULES
 from brdfcheck.quadrature.albedo import albedo
 from brdfcheck.verdict import Verdict, check_family
 
-REFERENCES = stability.read_references()
+REFERENCES = references.read_references()
 
 
 def test_the_matrix_is_the_whole_one():
-    assert set(REFERENCES) == set(stability.LOBES)
+    assert set(REFERENCES) == set(references.LOBES)
     for name, reference in REFERENCES.items():
-        assert reference.albedo.shape == ((7, 8) if name in stability.MICROFACETS else (12, 8))
+        assert reference.albedo.shape == ((7, 8) if name in references.MICROFACETS else (12, 8))
         assert np.all(reference.radius <= 1e-10 * np.abs(reference.albedo))
         assert np.all(np.isfinite([reference.slope(by, np.float64) for by in ("n", "theta")]))
 
@@ -40,11 +40,11 @@ def test_facets_reflect_everything_at_the_horizon():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("lobe", stability.LOBES)
+@pytest.mark.parametrize("lobe", references.LOBES)
 def test_the_production_rule_holds_everywhere(lobe, dtype):
     reference = REFERENCES[lobe]
-    result = stability.run(stability.production, lobe, reference.parameters, reference.cosines, dtype)
-    found = stability.outcomes(result, reference, dtype)
+    result = outcomes.run(outcomes.production, lobe, reference.parameters, reference.cosines, dtype)
+    found = outcomes.outcomes(result, reference, dtype)
     places = [
         (reference.parameters[i], reference.cosines[j], result.value[i, j], reference.albedo[i, j], Outcome(found[i, j]).name)
         for i, j in zip(*np.nonzero(found), strict=True)
@@ -60,14 +60,14 @@ FACET_SLOPES = {"float64": 1e-4, "float32": 2e-3}  # in float32 that of m = 0.00
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("lobe", stability.LOBES)
+@pytest.mark.parametrize("lobe", references.LOBES)
 def test_derivatives_are_finite_and_right(lobe, dtype):
     """dE/dn and dE/dtheta of the production rule over the whole matrix, against ball arithmetic and slope-space integrals."""
-    allowed = (FACET_SLOPES if lobe in stability.MICROFACETS else SLOPES)[dtype.__name__] * (10 if lobe == "ggx" else 1)
+    allowed = (FACET_SLOPES if lobe in references.MICROFACETS else SLOPES)[dtype.__name__] * (10 if lobe == "ggx" else 1)
     if "unclamped" in lobe and dtype is np.float32:
         allowed = 0.03  # the rebound multiplies rounding by its power
-    for gradients in stability.gradients_of(REFERENCES[lobe], dtype=dtype).values():
-        asked = stability.gradient_outcomes(gradients, dtype) != stability.NOT_ASKED
+    for gradients in outcomes.gradients_of(REFERENCES[lobe], dtype=dtype).values():
+        asked = outcomes.gradient_outcomes(gradients, dtype) != outcomes.NOT_ASKED
         assert np.all(asked) or "unclamped" in lobe or dtype is np.float32
         assert np.count_nonzero(asked) > 0.7 * asked.size
         assert np.all(np.isfinite(gradients.automatic[asked]))
@@ -80,7 +80,7 @@ def test_derivatives_that_are_off_are_told():
     size = np.maximum(np.abs(exact), reference.albedo)
     told = {1e-4: Outcome.HOLDS, 1e-2: Outcome.LOSES_DIGITS, 0.6: Outcome.BREAKS, np.nan: Outcome.BREAKS}
     for part, expected in told.items():
-        found = stability.gradient_outcomes(stability.Gradients(exact + part * size, exact, reference.albedo))
+        found = outcomes.gradient_outcomes(outcomes.Gradients(exact + part * size, exact, reference.albedo))
         assert np.all(found == expected)
 
 
@@ -88,21 +88,21 @@ def test_derivatives_that_are_off_are_told():
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_derivatives_of_the_closed_form_hold(dtype):
     """Also where powers of n overflow single precision: n = 10^7."""
-    slopes = stability.gradients_of(REFERENCES["phong"], stability.of_rule(RULES["closed-form"](64)), dtype)
+    slopes = outcomes.gradients_of(REFERENCES["phong"], outcomes.of_rule(RULES["closed-form"](64)), dtype)
     for gradients in slopes.values():
-        assert np.all(stability.gradient_outcomes(gradients, dtype) == Outcome.HOLDS)
+        assert np.all(outcomes.gradient_outcomes(gradients, dtype) == Outcome.HOLDS)
 
 
 @pytest.mark.slow
 def test_no_false_verdicts():
-    found = stability.false_verdicts(60)
+    found = verdicts.false_verdicts(60)
     assert found["false"] == 0
     assert found["undecided"] == 0
 
 
-@pytest.mark.parametrize("lobe", few(stability.LOBES, ("phong",)))
+@pytest.mark.parametrize("lobe", few(references.LOBES, ("phong",)))
 def test_no_false_verdicts_in_the_matrix(lobe):
-    found = stability.matrix_verdicts(REFERENCES[lobe])
+    found = verdicts.matrix_verdicts(REFERENCES[lobe])
     assert found["verdicts"] == 2 * REFERENCES[lobe].albedo.size
     assert found["false"] == 0
     assert found["undecided"] < 0.3 * found["verdicts"]
@@ -111,7 +111,7 @@ def test_no_false_verdicts_in_the_matrix(lobe):
 def test_wrong_references_make_false_verdicts():
     phong = REFERENCES["phong"]
     wrong = dataclasses.replace(phong, albedo=phong.albedo * (1 + 1e-5))
-    assert stability.matrix_verdicts(wrong)["false"] > 0.3 * phong.albedo.size
+    assert verdicts.matrix_verdicts(wrong)["false"] > 0.3 * phong.albedo.size
 
 
 class Unknown(AbstractFactor):
@@ -134,7 +134,7 @@ def test_in_float32_a_factor_near_the_exact_one_is_undecided_where_nothing_is_pr
 @pytest.mark.slow
 def test_in_float32_no_verdict_is_false():
     with jax.enable_x64(False):
-        found = stability.false_verdicts(40)
+        found = verdicts.false_verdicts(40)
     assert found["false"] == 0
     assert found["undecided"] > 30
 
@@ -144,8 +144,8 @@ def test_in_float32_no_verdict_is_false():
 
 def outcomes_of(rule, lobe, dtype=np.float64):
     reference = REFERENCES[lobe]
-    result = stability.run(stability.of_rule(rule), lobe, reference.parameters, reference.cosines, dtype)
-    return result, stability.outcomes(result, reference, dtype)
+    result = outcomes.run(outcomes.of_rule(rule), lobe, reference.parameters, reference.cosines, dtype)
+    return result, outcomes.outcomes(result, reference, dtype)
 
 
 def test_a_product_rule_breaks_on_needles():
@@ -191,8 +191,8 @@ def test_overflow_is_inf_of_unknown_error():
 
 def outcomes_at(exact, value, claimed, dtype):
     shape = (1, len(value))
-    reference = stability.Reference("phong", np.ones(1), np.ones(len(value)), np.full(shape, exact), np.zeros(shape), {})
-    found = stability.outcomes(stability.Result(np.array([value]), np.array([claimed]), np.ones(shape, bool)), reference, dtype)
+    reference = references.Reference("phong", np.ones(1), np.ones(len(value)), np.full(shape, exact), np.zeros(shape), {})
+    found = outcomes.outcomes(outcomes.Result(np.array([value]), np.array([claimed]), np.ones(shape, bool)), reference, dtype)
     return [Outcome(cell).name for cell in found[0]]
 
 

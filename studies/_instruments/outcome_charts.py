@@ -14,7 +14,7 @@ from brdfcheck.studies import table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# By the codes of `_instruments.stability.Outcome`.
+# By the codes of `_instruments.stability.outcomes.Outcome`.
 OUTCOMES = {"holds": "#DDEBDD", "loses digits": "#F5C86E", "lies": "#882255", "breaks": "#222222"}
 CELLS = (
     "Cells of the matrix by outcome. Holds: relative error at most 1e-8 in float64, 1e-4 in float32. Lies: wrong by more"
