@@ -116,7 +116,7 @@ def reflected(brdf: AbstractBRDF | AbstractBSDF, meeting: Meeting) -> Float[Arra
     Lobes that say what they are made of are computed from the angles of the meeting, any other BRDF from its directions.
     """
     if isinstance(brdf, AbstractBSDF):
-        return _both_sides(brdf, meeting)
+        return _any(brdf, meeting)
     core = brdf.core
     if hasattr(core, "facet_kernel"):
         value = _facets(core, meeting)
@@ -159,29 +159,18 @@ def _zonal(core: AbstractZonalLobe, meeting: Meeting) -> Array:
     return spread(core.amplitude(), len(meeting.place.shape)) * value
 
 
-def _any(core: AbstractBRDF, meeting: Meeting) -> Array:
-    # From below the horizon nothing comes: there, light along the normal keeps the function in its domain.
-    lit = meeting.normal_light > 0
-    wi, wo = meeting.place.local(meeting.direction), meeting.place.local(meeting.place.view)
-    wi = jnp.where(lit[..., None], wi, jnp.array([0, 0, 1], wi.dtype))
-    wo = wo.at[..., 2].set(jnp.maximum(wo[..., 2], TINY))
-    value = core(wi, wo)
-    if value.ndim > wo.ndim - 1:
-        value = jnp.moveaxis(value, -1, 0)
-    return jnp.where(lit, value * meeting.cos_light, 0)
-
-
-def _both_sides(surface: AbstractBSDF, meeting: Meeting) -> Array:
-    place = meeting.place
-    # Light along the surface brings nothing: there, the normal keeps the function in its domain.
-    lit = meeting.normal_light != 0
+def _any(brdf: AbstractBRDF | AbstractBSDF, meeting: Meeting) -> Array:
+    place, transmits = meeting.place, isinstance(brdf, AbstractBSDF)
+    # Light along the surface brings nothing, nor does light from below where nothing is transmitted: there, the normal keeps
+    # the function in its domain.
+    lit = meeting.normal_light != 0 if transmits else meeting.normal_light > 0
     light, view = place.local(meeting.direction), place.local(place.view)
     light = jnp.where(lit[..., None], light, jnp.array([0, 0, 1], light.dtype))
     view = view.at[..., 2].set(jnp.maximum(view[..., 2], TINY))
-    if place.below is not None:
+    if transmits and place.below is not None:
         light, view = (one.at[..., 2].multiply(jnp.where(place.below, -1, 1)) for one in (light, view))
     # In the scale of radiance values are those of a ray from the eye.
-    value = surface(light, view) if surface.scale == "flux" else surface(view, light)
+    value = brdf(view, light) if isinstance(brdf, AbstractBSDF) and brdf.scale == "radiance" else brdf(light, view)
     if value.ndim > view.ndim - 1:
         value = jnp.moveaxis(value, -1, 0)
     return jnp.where(lit, value * jnp.abs(meeting.normal_light), 0)
