@@ -313,7 +313,7 @@ def test_the_choice_is_the_cheapest_of_all_combinations():
     scene = scenes.parse_scene({"size": 12, "material": MATT, "lights": [panel, DISTANT], "room": {**ROOM, "cells": 2}})
     measured = measure(scene)
     # By all pictures and works, without the search, and of works without what is shared between combinations.
-    compiler = measured.view.compiler
+    compiler = measured.compiler
     table = []
     for rungs in itertools.product(*(knob.rungs for knob in measured.knobs)):
         choice = {knob.name: rung for knob, rung in zip(measured.knobs, rungs, strict=True)}
@@ -322,7 +322,7 @@ def test_the_choice_is_the_cheapest_of_all_combinations():
             picture = compiler.picture(plan)
         except NotImplementedError:
             continue
-        table.append((work_of(Compiler(scene), plan), measured.view.fault(picture).pixel, choice))
+        table.append((work_of(Compiler(scene), plan), measured.fault(picture).pixel, choice))
     assert len(table) > 60
     for tolerance in (0.0, 1e-4, 0.5 / 255, 3 / 255, 0.05, 0.2, 1.0):
         found = measured.choose(tolerance)
@@ -406,7 +406,7 @@ def test_the_full_model_is_the_scene_as_render_shows_it(glossy):
 
     picture = scenes.parse_scene(GLOSSY).picture
     shown = sphere_image(picture.material, picture.lights, picture.camera, size=picture.size, dtype=jnp.float64)
-    np.testing.assert_allclose(glossy.view.whole, shown, atol=1e-13)
+    np.testing.assert_allclose(glossy.whole, shown, atol=1e-13)
 
 
 def test_what_does_not_conserve_is_never_chosen(glossy):
@@ -700,8 +700,8 @@ def test_the_sphere_stands_for_its_facets_where_the_outline_does_not_matter(silh
 
 
 def test_a_picture_that_does_not_repeat_is_an_error(glossy, monkeypatch):
-    verified = glossy.view.verified
-    monkeypatch.setattr(type(glossy.view), "verified", lambda self, one, image: verified(one, image + 1))
+    verified = glossy.verified
+    monkeypatch.setattr(type(glossy), "verified", lambda self, one, image: verified(one, image + 1))
     with pytest.raises(
         BudgetError,
         match=r"rendered again, the chosen combination errs \S+ \(energy \S+\) where 0.00196 \(energy \S+\) is allowed",
@@ -741,7 +741,7 @@ def test_what_clearly_takes_longer_than_the_full_model_is_not_chosen(monkeypatch
     for ratios, chosen in (((1.5, 2.0, 2.5), full), ((0.9, 1.3, 9.0), search.order[0]), ((0.4, 0.5, 0.6), search.order[0])):
         search._final.clear()
         search.errors.clear()
-        monkeypatch.setattr(type(measured.view), "time", lambda self, program, ratios=ratios: Beside(1.0, ratios))
+        monkeypatch.setattr(type(measured), "time", lambda self, program, ratios=ratios: Beside(1.0, ratios))
         found = search.best(Fault(1.0, math.inf))
         assert found == chosen
 

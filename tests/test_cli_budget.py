@@ -76,7 +76,7 @@ def test_wrong_scenes(scene, run: Run, old, new, message):
 def test_a_picture_that_does_not_repeat(scene, run: Run, monkeypatch):
     from brdfcheck.budgets.measure import measure
 
-    view = measure(scene).view
-    verified = view.verified
-    monkeypatch.setattr(type(view), "verified", lambda self, one, image: verified(one, image + 0.1))
+    measured = measure(scene)
+    verified = measured.verified
+    monkeypatch.setattr(type(measured), "verified", lambda self, one, image: verified(one, image + 0.1))
     assert "rendered again, the chosen combination errs" in run.failed("budget", str(scene))

@@ -118,13 +118,23 @@ class Budget:
 
 @dataclass
 class Measured:
-    """The rungs of a scene's knobs, and the search over their combinations. Made by `measure`."""
+    """The rungs of a scene's knobs, and the search over their combinations. Made by `measure`.
+
+    Pictures are held against those of the full model: `reference` is made as those of combinations are, `whole` by the `full`
+    model's program. `watch`: called with the name of what is rendered next.
+    """
 
     scene: Scene
     knobs: tuple[Knob, ...]
-    ladders: dict[str, tuple[Rung, ...]]
-    search: Search
-    view: _View
+    compiler: Compiler
+    full: Program
+    reference: Picture
+    whole: Image
+    ladders: dict[str, tuple[Rung, ...]] = field(init=False)
+    search: Search = field(init=False)
+    watch: Watch = lambda name: None
+    times: dict[Any, Beside] = field(default_factory=dict)
+    works: dict[Any, Any] = field(default_factory=dict)
 
     def choose(self, tolerance: Any = None, watch: Watch = lambda name: None) -> Budget:
         """The budget for a tolerance of a pixel, as in "0.5/255", by default the scene's; that of the energy is the scene's.
@@ -135,7 +145,7 @@ class Measured:
         """
         pixel = self.scene.pixel if tolerance is None else scenes.tolerance_of(tolerance)
         limit = Fault(pixel, self.scene.energy)
-        self.view.watch = watch
+        self.watch = watch
         with double_precision():
             combination = self.search.best(limit)
             assert combination is not None, "the full model is within every tolerance"
@@ -144,11 +154,9 @@ class Measured:
             return self._budget(combination, limit)
 
     def _budget(self, combination: Combination, limit: Fault) -> Budget:
-        view, search = self.view, self.search
-        program = view.program(combination)
-        time = view.time(program)
-        image = program.image()
-        verified = view.verified(combination, image)
+        search, program = self.search, self.program(combination)
+        time, image = self.time(program), program.image()
+        verified = self.verified(combination, image)
         if not verified.within(limit):
             raise BudgetError(
                 f"{self.scene.label}: rendered again, the chosen combination errs {verified.pixel:.3g} (energy"
@@ -172,59 +180,23 @@ class Measured:
         return Budget(
             self.scene, limit, tuple(rows), search.predicted(combination), search.error(combination), verified,
             search.cost(combination), time.seconds, time.quartiles, len(search.order), tuple(points),
-            self.ladders, view.whole, image,
+            self.ladders, self.whole, image,
         )  # fmt: skip
 
-
-@dataclass(frozen=True)
-class Beside:
-    """A program timed beside another: the other's seconds (median), and the quartiles of the ratio of their times."""
-
-    seconds: float
-    quartiles: tuple[float, float, float]
-
-
-def beside(program: Program, full: Program) -> Beside:
-    """Time a program beside the full model's, in turns, now one first and now the other, for about a second.
-
-    A ratio is that of two times a moment apart: what else the machine does falls upon both alike.
-    """
-    pair = (program, full)
-    pace = sum(sum(one.seconds() for one in pair) for _ in range(2)) / 2
-    rounds = int(np.clip(_LONGEST / pace, _FEWEST, _MOST))
-    table = np.empty((rounds, 2))
-    for r in range(rounds):
-        for place in (0, 1) if r % 2 else (1, 0):
-            table[r, place] = pair[place].seconds()
-    low, middle, high = np.quantile(table[:, 0] / table[:, 1], (0.25, 0.5, 0.75))
-    return Beside(float(np.median(table[:, 1])), (float(low), float(middle), float(high)))
-
-
-@dataclass
-class _View:
-    """Pictures of a scene against its full model: `reference` made as those of combinations are, `whole` by its program."""
-
-    scene: Scene
-    knobs: tuple[Knob, ...]
-    compiler: Compiler
-    full: Program
-    reference: Picture
-    whole: Image
-    watch: Watch = lambda name: None
-    times: dict[Any, Beside] = field(default_factory=dict)
-    works: dict[Any, Any] = field(default_factory=dict)
-
     def choice(self, combination: Combination) -> dict[str, str]:
+        """The rung of each knob, by name."""
         return {knob.name: knob.rungs[i] for knob, i in zip(self.knobs, combination, strict=True)}
 
     def program(self, combination: Combination) -> Program:
+        """Its program, compiled."""
         return self.compiler.program(plan_of(self.scene, self.choice(combination)))
 
     def picture(self, combination: Combination) -> Fault:
+        """The error of its picture; refused where rungs that go by themselves do not go together."""
         self.watch(", ".join(self.choice(combination).values()))
         try:
             return self.fault(self.compiler.picture(plan_of(self.scene, self.choice(combination))))
-        except (ValueError, NotImplementedError):  # rungs that go by themselves and not together
+        except (ValueError, NotImplementedError):
             return REFUSED
 
     def work(self, combination: Combination) -> float:
@@ -277,6 +249,30 @@ class _View:
         whole = float(np.sum(reference))
         lost = abs(float(np.sum(picture)) - whole)
         return Fault(pixel, lost / whole if whole > 0 else (0.0 if lost == 0 else np.inf))
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A program timed beside another: the other's seconds (median), and the quartiles of the ratio of their times."""
+
+    seconds: float
+    quartiles: tuple[float, float, float]
+
+
+def beside(program: Program, full: Program) -> Beside:
+    """Time a program beside the full model's, in turns, now one first and now the other, for about a second.
+
+    A ratio is that of two times a moment apart: what else the machine does falls upon both alike.
+    """
+    pair = (program, full)
+    pace = sum(sum(one.seconds() for one in pair) for _ in range(2)) / 2
+    rounds = int(np.clip(_LONGEST / pace, _FEWEST, _MOST))
+    table = np.empty((rounds, 2))
+    for r in range(rounds):
+        for place in (0, 1) if r % 2 else (1, 0):
+            table[r, place] = pair[place].seconds()
+    low, middle, high = np.quantile(table[:, 0] / table[:, 1], (0.25, 0.5, 0.75))
+    return Beside(float(np.median(table[:, 1])), (float(low), float(middle), float(high)))
 
 
 def measure(scene: Any, watch: Watch = lambda name: None) -> Measured:
@@ -335,7 +331,7 @@ def _measure(scene: Scene, watch: Watch) -> Measured:
     whole = base.image()
     if not np.all(np.isfinite(whole)):
         raise ValueError(f"{scene.label}: the full model is not finite in {int(np.sum(~np.isfinite(whole)))} values")
-    view = _View(scene, knobs, compiler, base, compiler.picture(plan_of(scene, dearest)), whole)
+    measured = Measured(scene, knobs, compiler, base, compiler.picture(plan_of(scene, dearest)), whole)
 
     def tried(choice: dict[str, str]) -> tuple[Fault, str]:
         """The error of a rung alone, and why it is refused."""
@@ -346,22 +342,22 @@ def _measure(scene: Scene, watch: Watch) -> Measured:
             return REFUSED, one_line(error.reason if isinstance(error, NotConserving) else error)
         except NotImplementedError:  # as a linear solver in float16
             return REFUSED, "does not run here"
-        fault = view.fault(picture)
+        fault = measured.fault(picture)
         return fault, "the picture is not finite" if fault == REFUSED else ""
 
     found = [[tried({knob.name: name}) for name in knob.rungs] for knob in knobs]
     own = [[fault for fault, _ in ladder] for ladder in found]
     last = tuple(len(ladder) - 1 for ladder in own)
-    work = view.work(last)
+    work = measured.work(last)
 
     def alone(place: int, i: int) -> Combination:
         return (*last[:place], i, *last[place + 1 :])
 
     def cost(combination: Combination) -> float:
         refused = any(own[place][i] == REFUSED for place, i in enumerate(combination))
-        return np.inf if refused else view.work(combination) / work
+        return np.inf if refused else measured.work(combination) / work
 
-    ladders = {
+    measured.ladders = {
         knob.name: tuple(
             Rung(name, fault, 1.0 if why else cost(alone(place, i)), why)
             for i, (name, (fault, why)) in enumerate(zip(knob.rungs, found[place], strict=True))
@@ -369,8 +365,8 @@ def _measure(scene: Scene, watch: Watch) -> Measured:
         for place, knob in enumerate(knobs)
     }
     known = {alone(place, i): fault for place, ladder in enumerate(own) for i, fault in enumerate(ladder)}
-    search = Search(own, cost, view.picture, view.final, known)
-    return Measured(scene, knobs, ladders, search, view)
+    measured.search = Search(own, cost, measured.picture, measured.final, known)
+    return measured
 
 
 def budget(scene: Any, tolerance: Any = None) -> Budget:
