@@ -23,17 +23,8 @@ def _value(core: Any, mu: Array, theta: Array, phi: Array) -> Array:
     return core(jnp.broadcast_to(light(mu), wo.shape), wo) * (sine * cosine)
 
 
-class _Counter:
-    """Counts evaluations that a compiled program reports."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def add(self, count: Any) -> None:
-        self.count += int(np.sum(count))
-
-
-_COUNTER = _Counter()
+# Evaluations of each ring, as a compiled program reports them.
+_RINGS: list[int] = []
 
 
 @eqx.filter_jit
@@ -43,7 +34,7 @@ def _nested(core: Any, mu: Array, tolerance: Array) -> tuple[Array, Array, Array
 
     def ring(theta: Array) -> Array:
         value, info = quadgk(lambda phi: _value(core, mu, theta, phi), jnp.array([0, 2 * np.pi], mu.dtype), **goal)
-        jax.debug.callback(_COUNTER.add, info.neval)
+        jax.debug.callback(lambda count: _RINGS.append(int(np.sum(count))), info.neval)
         return value
 
     value, info = quadgk(jnp.vectorize(ring), jnp.array([0, np.pi / 2], mu.dtype), **goal)
@@ -69,12 +60,12 @@ class QuadaxNested(AbstractAdaptivePeer):
     compiles: ClassVar[bool] = True
 
     def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
-        before = _COUNTER.count
+        _RINGS.clear()
         with jax.numpy_dtype_promotion("standard"):
             value, error, status = _nested(core, mu, jnp.asarray(self.tolerance, mu.dtype))
         value.block_until_ready()
         jax.effects_barrier()
-        return Raw(value, error, _COUNTER.count - before, OK if int(status) == 0 else NOT_REACHED)
+        return Raw(value, error, sum(_RINGS), OK if int(status) == 0 else NOT_REACHED)
 
 
 @final
