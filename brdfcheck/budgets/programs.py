@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -109,14 +109,8 @@ class Compiler:
         numbers, dtype = self._numbers(plan), plan.dtype
         shading = plan.facets and plan.facets[1]
         shown = {name: value for name, value in self._filled(numbers).items() if name in _SHOWN}
-
-        def see(shown: Any) -> Any:
-            return _sight(self.scene, plan, shown)
-
-        sight = self._once(
-            ("sight", _object(plan), plan.window, dtype),
-            lambda: self._jit(("see", plan.facets is None, plan.window, dtype), see)(shown),
-        )
+        see = self._jit(("see", plan.facets is None, plan.window, dtype), partial(_sight, self.scene, plan))
+        sight = self._once(("sight", _object(plan), plan.window, dtype), lambda: see(shown))
         points, shape = self._once(("points", plan.facets, plan.window, dtype), lambda: self._points(plan, shown, sight))
         room = None
         if self.scene.room is not None:
@@ -170,12 +164,8 @@ class Compiler:
 
     def _points(self, plan: Plan, shown: Any, sight: Any) -> tuple[list[np.ndarray], tuple[int, ...]]:
         """What is shaded, as `_blocks` has it."""
-
-        def places(shown: Any, sight: Any) -> Any:
-            return _place(self.scene, plan, shown, sight)
-
         key = ("places", plan.facets and plan.facets[1], plan.window, plan.dtype)
-        return self._blocks(self._jit(key, places)(shown, sight))
+        return self._blocks(self._jit(key, partial(_place, self.scene, plan))(shown, sight))
 
     def _blocks(self, place: Any) -> tuple[list[np.ndarray], tuple[int, ...]]:
         """Points, normals and views, shape (3, 3, points), in blocks of one size; the shape of their fields."""
@@ -204,31 +194,18 @@ class Compiler:
         """The work of finding what is seen where, and how many points are shaded. By facets and precision alone."""
         found, _ = self._seen(plan)
         numbers = self._numbers(replace(plan, dtype="float64"))
-
-        def sight(numbers: Any) -> Any:
-            return _sight(self.scene, plan, numbers)
-
-        def black(numbers: Any, found: Any) -> Any:
-            return _drawn(self.scene, plan, numbers, found, _black)
-
-        loops = _loops(self.scene, numbers)
+        sight, loops = partial(_sight, self.scene, plan), _loops(self.scene, numbers)
         work = self._work(("finding", _object(plan), plan.window), plan.dtype, sight, numbers, loops=loops)
+        black = partial(_drawn, self.scene, plan, shader=_black)
         drawing = self._work(("drawing", plan.facets, plan.window), plan.dtype, black, numbers, found)
         return work + drawing, _points(self.scene, plan)
 
     def _seen(self, plan: Plan) -> tuple[Any, Any]:
         """The shapes of what is seen where, and of the points, normals and views that are shaded."""
         numbers = self._numbers(replace(plan, dtype="float64"))
-        found = self._once(
-            ("shapes", _object(plan), plan.window),
-            lambda: jax.eval_shape(lambda numbers: _sight(self.scene, plan, numbers), numbers),
-        )
-
-        place = self._once(
-            ("place", plan.facets, plan.window),
-            lambda: jax.eval_shape(lambda numbers, found: _place(self.scene, plan, numbers, found), numbers, found),
-        )
-        return found, place
+        sight, place = partial(_sight, self.scene, plan), partial(_place, self.scene, plan)
+        found = self._once(("shapes", _object(plan), plan.window), lambda: jax.eval_shape(sight, numbers))
+        return found, self._once(("place", plan.facets, plan.window), lambda: jax.eval_shape(place, numbers, found))
 
     def _work(self, key: Any, dtype: str, function: Any, *arguments: Any, loops: tuple[float, ...] = ()) -> float:
         """The work of a function of numbers in float64 if it is computed in `dtype`, traced once for all of them."""
@@ -297,7 +274,7 @@ class Compiler:
             return 0.0
         numbers = self._numbers(replace(plan, dtype="float64"))["room"]
         key = ("bounces", plan.bounces, plan.cells)
-        return self._work(key, plan.dtype, lambda room: at_middle(room, plan.bounces), numbers)
+        return self._work(key, plan.dtype, partial(at_middle, bounces=plan.bounces), numbers)
 
     def _numbers(self, plan: Plan) -> dict[str, Any]:
         dtype, numbers = jnp.dtype(plan.dtype), _of_scene(self.scene, plan)
@@ -335,7 +312,7 @@ def _loops(scene: Scene, numbers: Mapping[str, Any]) -> tuple[float, ...]:
     return seen, (1 + side / WINDOW) ** 2
 
 
-_icosphere = functools.cache(icosphere)
+_icosphere = cache(icosphere)
 
 
 def _mesh(scene: Scene, plan: Plan) -> Mesh:
