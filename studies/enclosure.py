@@ -21,7 +21,7 @@ import jax
 import numpy as np
 
 from _instruments import transport as measure
-from _instruments.transport import LABELS, SOLVERS
+from _instruments.transport import SOLVERS
 from brdfcheck import transport
 from brdfcheck.cores import on_one_core
 from brdfcheck.output import records
@@ -60,10 +60,10 @@ def plot(record: dict[str, Any]) -> Any:
         figure = paper.empty(12.6, 4.4)
         work, growth, refine = figure.subplots(1, 3)
         patches = [cost["patches"] for cost in told["growth"]]
-        for name, (color, marker) in SOLVERS.items():
+        for name, (label, color, marker) in SOLVERS.items():
             own = [point for point in record["results"] if point["method"] == name]
             x, y = [p["seconds"] * 1e3 for p in own], [max(p["error"], 1e-16) for p in own]
-            work.plot(x, y, color=color, marker=marker, linewidth=1, label=LABELS[name])
+            work.plot(x, y, color=color, marker=marker, linewidth=1, label=label)
             if name != "paths":
                 y = [cost["solver_seconds"][name] for cost in told["growth"]]
                 growth.plot(patches, y, color=color, marker=marker, linewidth=1)

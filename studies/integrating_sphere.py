@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from _instruments import transport as measure
-from _instruments.transport import LABELS, SOLVERS
+from _instruments.transport import SOLVERS
 from brdfcheck import Normalized, Phong, PhongExact, transport
 from brdfcheck.output import records
 from brdfcheck.plots import paper
@@ -67,16 +67,14 @@ def plot(record: dict[str, Any]) -> Any:
     with paper.house_style():
         figure = paper.empty(9.6, 4.3)
         left, right = figure.subplots(1, 2)
-        for j, (name, (color, marker)) in enumerate(SOLVERS.items()):
+        for j, (name, (label, color, marker)) in enumerate(SOLVERS.items()):
             own = [r for r in record["results"] if r["method"] == name and r["reflectance"] < 1]
             x = [i + 0.13 * (j - 2) for i in range(len(own))]
             left.vlines(
                 x, [max(float(r["error"]), 1e-16) for r in own], [float(r["claimed"]) for r in own], color=color, linewidth=1
             )
             left.plot(x, [float(r["claimed"]) for r in own], color=color, marker="_", markersize=8, linestyle="")
-            left.plot(
-                x, [max(float(r["error"]), 1e-16) for r in own], color=color, marker=marker, linestyle="", label=LABELS[name]
-            )
+            left.plot(x, [max(float(r["error"]), 1e-16) for r in own], color=color, marker=marker, linestyle="", label=label)
         direct = {r["reflectance"]: float(r["opposite"]) for r in record["results"] if r["method"] == "direct"}
         for i, rho in enumerate(RHO[3:], 3):
             left.axvspan(i - 0.45, i + 0.45, color="#D55E00", alpha=0.10, linewidth=0)

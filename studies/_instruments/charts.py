@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from _instruments.peers import PEERS
 from brdfcheck.plots import paper
 
 if TYPE_CHECKING:
@@ -35,9 +36,6 @@ RULES: dict[str, tuple[str, str]] = {
     "torchquad-gauss": ("#AA4499", "P"),
     "mitsuba": ("#661100", "v"),
 }
-PEERS = frozenset(
-    ("scipy-quad", "scipy-dblquad", "scipy-cubature", "quadax-nested", "quadax-cubature", "torchquad-gauss", "mitsuba")
-)
 # Where errors below the rounding of a double are drawn.
 FLOOR = 1e-17
 _NO_DIGIT = 0.5

@@ -28,20 +28,13 @@ _PATHS = (2**12, 2**14, 2**16, 2**18)
 _ENOUGH = 0.3
 # Seconds of one solve that end a solver's settings.
 _LONGEST = 2.0
-# How each solver is drawn: colour and marker (those of Okabe & Ito 2008, without the yellow).
-SOLVERS: dict[str, tuple[str, str]] = {
-    "direct": ("#000000", "X"),
-    "krylov": ("#0072B2", "o"),
-    "progressive": ("#E69F00", "s"),
-    "neumann": ("#009E73", "^"),
-    "paths": ("#CC79A7", "D"),
-}
-LABELS: dict[str, str] = {
-    "direct": "direct (LU)",
-    "krylov": "conjugate gradients",
-    "progressive": "progressive shooting",
-    "neumann": "Neumann series",
-    "paths": "path tracing",
+# How each solver is drawn: label, colour and marker (those of Okabe & Ito 2008, without the yellow).
+SOLVERS: dict[str, tuple[str, str, str]] = {
+    "direct": ("direct (LU)", "#000000", "X"),
+    "krylov": ("conjugate gradients", "#0072B2", "o"),
+    "progressive": ("progressive shooting", "#E69F00", "s"),
+    "neumann": ("Neumann series", "#009E73", "^"),
+    "paths": ("path tracing", "#CC79A7", "D"),
 }
 
 
