@@ -12,7 +12,6 @@ import itertools
 import operator
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -33,23 +32,13 @@ def above_horizon(corners: Sequence[Vector], normal: Vector) -> Float[Array, "..
     # Where the polygon goes below the horizon it is closed along it. The last way out before the first corner is
     # that of the last edge that has one: one round to find it, one to add up.
     out = Vector(*(jnp.zeros_like(total) for _ in range(3)))
-    for piece in pieces:
-        out = choose(piece.leaves, piece.end, out)
-    for piece in pieces:
-        total = total + jnp.where(piece.seen, _edge(piece.start, piece.end, normal, piece.seen), 0)
-        total = total + jnp.where(piece.enters, _edge(out, piece.start, normal, piece.enters), 0)
-        out = choose(piece.leaves, piece.end, out)
+    for _, end, _, _, leaves in pieces:
+        out = choose(leaves, end, out)
+    for start, end, seen, enters, leaves in pieces:
+        total = total + jnp.where(seen, _edge(start, end, normal, seen), 0)
+        total = total + jnp.where(enters, _edge(out, start, normal, enters), 0)
+        out = choose(leaves, end, out)
     return total
-
-
-class _Piece(eqx.Module):
-    """What of an edge is above the horizon."""
-
-    start: Vector
-    end: Vector
-    seen: Array
-    enters: Array
-    leaves: Array
 
 
 def _height(corner: Vector, normal: Vector) -> Array:
@@ -58,13 +47,14 @@ def _height(corner: Vector, normal: Vector) -> Array:
     return jnp.where(abs(height) > 8 * jnp.finfo(height.dtype).eps * size, height, 0)
 
 
-def _above(i: int, j: int, corners: Sequence[Vector], heights: Sequence[Array]) -> _Piece:
+def _above(i: int, j: int, corners: Sequence[Vector], heights: Sequence[Array]) -> tuple[Vector, Vector, Array, Array, Array]:
+    """What of an edge is above the horizon: from where, to where, whether any is, whether the edge enters or leaves there."""
     high, low = heights[i] > 0, heights[j] > 0
     crosses = high != low
     at = heights[i] / jnp.where(crosses, heights[i] - heights[j], 1)
     crossing = corners[i] + (corners[j] - corners[i]) * at
     start, end = choose(high, corners[i], crossing), choose(low, corners[j], crossing)
-    return _Piece(start, end, high | low, crosses & low, crosses & high)
+    return start, end, high | low, crosses & low, crosses & high
 
 
 def _edge(a: Vector, b: Vector, normal: Vector, real: Array | bool = True) -> Array:
