@@ -47,14 +47,9 @@ Choice = Mapping[str, str]
 
 LOBES: Mapping[str, Callable[[Any, str], AbstractZonalLobe]] = MappingProxyType({
     "Schlick": Schlick,
-    "Lyon w=1": lambda n, form: Lyon(n, 1, form),
-    "Lyon w=2": lambda n, form: Lyon(n, 2, form),
-    "Lyon w=3": lambda n, form: Lyon(n, 3, form),
+    **{f"Lyon w={w}": lambda n, form, w=w: Lyon(n, w, form) for w in (1, 2, 3)},
     "Kuijk-Blake": KuijkBlake,
-    "binomial k=4": lambda n, form: BinomialPower(n, 4, form),
-    "binomial k=8": lambda n, form: BinomialPower(n, 8, form),
-    "binomial k=16": lambda n, form: BinomialPower(n, 16, form),
-    "binomial k=64": lambda n, form: BinomialPower(n, 64, form),
+    **{f"binomial k={k}": lambda n, form, k=k: BinomialPower(n, k, form) for k in (4, 8, 16, 64)},
     "power": lambda n, form: (Phong if form == "mirror" else BlinnPhong)(n),
 })  # fmt: skip
 # Their factors: that of the power, the best two constants for n from 1 to 1000, the one that makes the albedo 1 at 0 degrees.
@@ -160,11 +155,6 @@ def knobs_of(scene: Scene) -> tuple[Knob, ...]:
     return (*found, Knob("precision", "precision", PRECISIONS))
 
 
-def _numbers_in(rung: str) -> tuple[int, int, int, int]:
-    top, bottom, left, right = map(int, re.findall(r"\d+", rung))
-    return top, bottom, left, right
-
-
 def _window(scene: Scene) -> tuple[int, int, int, int]:
     """Rows and columns (from, to) of a box of pixels around the object."""
     picture = scene.picture
@@ -218,29 +208,31 @@ class Plan:
 
 def plan_of(scene: Scene, choice: Choice) -> Plan:
     """The plan of a choice. ValueError, with the reason, where a BRDF of it does not conserve energy or has no such factor."""
-    mesh = scene.picture.mesh
+    numbers: dict[str, Any] = {name: tuple(map(int, re.findall(r"\d+", rung))) for name, rung in choice.items()}
+
+    def number(name: str, word: str = "") -> int | None:
+        """The first one in the rung of a knob; None where it has none, or lacks the `word`."""
+        return numbers[name][0] if numbers.get(name) and word in choice[name] else None
+
     facets = None
-    if "facets" in choice and choice["facets"] != _SPHERE:
-        count, _, shading = choice["facets"].partition(" faces, ")
-        facets = (_level(int(count)), shading.lower())
-    elif mesh is not None and "facets" not in choice:
+    if (faces := number("facets")) is not None:
+        facets = (_level(faces), choice["facets"].rpartition(", ")[2].lower())
+    elif scene.picture.mesh is not None and "facets" not in choice:
         facets = (None, choice.get("shading", str(scene.picture.options.get("shading", "phong"))).lower())
-    bounces, surrounding = choice.get("bounces", "all"), choice.get("surrounding", "furnace")
     lights = _lights(scene, choice.get("light", "polygon"))
-    if "lights" in choice:
-        kept = _by_strength(scene)[: int(choice["lights"].split()[0])]
-        lights = tuple(lights[i] for i in sorted(kept))
+    if (count := number("lights")) is not None:
+        lights = tuple(lights[i] for i in sorted(_by_strength(scene)[:count]))
     return Plan(
         _material_of(scene, tuple(item for item in choice.items() if item[0] in ("lobe", "fresnel", "metal"))),
         lights,
         choice.get("precision", "float64"),
         facets,
-        None if bounces == "all" else int(bounces),
-        int(choice["cells"].split()[0]) if "cells" in choice else None,
-        int(surrounding.split()[0]) if surrounding.endswith("nodes") else None,
-        int(surrounding.split()[-1]) if surrounding.startswith("table") else None,
-        None if choice.get("window", "all") == "all" else _numbers_in(choice["window"]),
-        None if choice.get("grid", "each pixel") == "each pixel" else int(choice["grid"].split()[0]),
+        number("bounces"),
+        number("cells"),
+        number("surrounding", "nodes"),
+        number("surrounding", "table"),
+        numbers.get("window") or None,
+        number("grid"),
     )
 
 
