@@ -14,7 +14,6 @@ the rule.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import statistics
 from collections.abc import Sequence
@@ -53,7 +52,7 @@ def run(size: str = "full", given: Sequence[str | Path] = ()) -> dict[str, Any]:
             flags["both"] = [f"{answers['now']['verdict']} now, {answers['before']['verdict']} before"]
         about = {"label": subject.label, "source": subject.build.__doc__, "ranges": subject.ranges}
         ratio = answers["before"]["seconds"] / answers["now"]["seconds"] if baseline else None
-        results.append({"name": name, **about, **answers, "scan": dataclasses.asdict(found), "ratio": ratio, "flags": flags})
+        results.append({"name": name, **about, **answers, "scan": found, "ratio": ratio, "flags": flags})
     summary = {"families": len(results), "flagged": [row["name"] for row in results if row["flags"]["now"]]}
     summary["baseline_seconds"] = sum(row["before"]["seconds"] for row in results) if baseline else 0.0
     if baseline:

@@ -177,11 +177,11 @@ def bump(place, height):
 def test_a_scan_finds_the_largest_albedo_within_and_at_corners():
     subject = user_families.Subject(bump, {"place": (0.0, 1.0), "height": (0.0, 1.0)})
     found = user_scan.scan(user_scan.Rule(subject), 256)
-    assert found.value == pytest.approx(1, abs=1e-5)
-    assert found.parameters == {"place": pytest.approx(0.712, abs=1e-3), "height": 1}
-    assert found.cos_theta == pytest.approx(0.37, abs=1e-3)
-    assert not found.unbounded
-    assert found.evaluations > 256 * user_scan.COARSE[0] * user_scan.COARSE[1]
+    assert found["value"] == pytest.approx(1, abs=1e-5)
+    assert found["parameters"] == {"place": pytest.approx(0.712, abs=1e-3), "height": 1}
+    assert found["cos_theta"] == pytest.approx(0.37, abs=1e-3)
+    assert not found["unbounded"]
+    assert found["evaluations"] > 256 * user_scan.COARSE[0] * user_scan.COARSE[1]
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -199,7 +199,7 @@ def test_albedos_are_finite_down_to_grazing_incidence(name):
 
 
 def test_a_scan_tells_what_grows_without_bound():
-    assert user_scan.scan(user_scan.Rule(FAMILIES["minnaert"]), 256, rounds=2).unbounded
+    assert user_scan.scan(user_scan.Rule(FAMILIES["minnaert"]), 256, rounds=2)["unbounded"]
 
 
 # --- answers against brute force ---
@@ -209,11 +209,11 @@ def answer(verdict="CONSERVES", albedo=0.9, error=1e-9) -> dict[str, Any]:
     return {"verdict": verdict, "albedo": albedo, "error": error, "parameters": {}, "cos_theta": 0.5, "azimuth": 0.0}
 
 
-def found(value: float, unbounded=False) -> Any:
-    return SimpleNamespace(value=value, error=1e-6, parameters={}, cos_theta=0.25, unbounded=unbounded, nonfinite=0)
+def found(value: float, unbounded=False) -> dict[str, Any]:
+    return {"value": value, "error": 1e-6, "parameters": {}, "cos_theta": 0.25, "unbounded": unbounded, "nonfinite": 0}
 
 
-def flags(given: dict[str, Any], seen: Any, there: float) -> list[str]:
+def flags(given: dict[str, Any], seen: dict[str, Any], there: float) -> list[str]:
     return user_checks.faults(given, seen, SimpleNamespace(at=lambda *place: (there, 1e-7)))
 
 

@@ -64,21 +64,21 @@ def check(name: str, folder: Path, *, kept: bool = False) -> dict[str, Any]:
     return {"seconds": seconds[0], "kept_seconds": seconds[1] if len(seconds) > 1 else None, **answer}
 
 
-def faults(answer: dict[str, Any], found: Any, rule: Any) -> list[str]:
+def faults(answer: dict[str, Any], found: dict[str, Any], rule: Any) -> list[str]:
     """Where an answer of `check` and brute force (`found`, and what its `rule` gives elsewhere) exclude each other."""
     value, error = float(answer["albedo"]), float(answer["error"])
     if math.isnan(value) or math.isnan(error):
         return ["the albedo is not a number"]
-    if found.unbounded:
+    if found["unbounded"]:
         violates = answer["verdict"] == "VIOLATES"
         return [] if violates else [f"{answer['verdict']}, but the albedo grows without bound towards grazing incidence"]
-    told = [f"{found.nonfinite} albedos by brute force were not finite"] if found.nonfinite else []
-    if not found.value - found.error <= value + error:
-        told.append(f"a larger albedo was seen: {found.value:.10g} at cos {found.cos_theta:.4g}, {found.parameters}")
+    told = [f"{found['nonfinite']} albedos by brute force were not finite"] if found["nonfinite"] else []
+    if not found["value"] - found["error"] <= value + error:
+        told.append(f"a larger albedo was seen: {found['value']:.10g} at cos {found['cos_theta']:.4g}, {found['parameters']}")
     there, width = rule.at(answer["parameters"], answer["cos_theta"], answer["azimuth"])
-    if not value - error <= max(there + width, found.value + found.error) + _LIMIT:
+    if not value - error <= max(there + width, found["value"] + found["error"]) + _LIMIT:
         told.append(f"such an albedo was not seen: {there:.10g} at the place of {value:.10g}")
-    if answer["verdict"] == "CONSERVES" and found.value - found.error > 1 + 1e-9:
+    if answer["verdict"] == "CONSERVES" and found["value"] - found["error"] > 1 + 1e-9:
         told.append("CONSERVES, but an albedo above 1 was seen")
     return told
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -21,24 +20,6 @@ COARSE, MEDIUM = (8, 24), (16, 40)
 FINE = ((60, 144), (48, 120), (40, 96))
 LEAST = 1e-9  # cosine of incidence
 _KEPT, _STARTS = 128, 3  # points looked at more closely; places around which they are drawn denser
-
-
-@dataclass(frozen=True)
-class Found:
-    """The largest albedo seen, with the difference of three rules as its error, and where.
-
-    `unbounded`: near grazing incidence, where it grows on towards a cosine of 0. `nonfinite`: how many were left out.
-    """
-
-    value: float
-    error: float
-    parameters: dict[str, float]
-    cos_theta: float
-    azimuth: float
-    unbounded: bool
-    nonfinite: int
-    points: int
-    evaluations: int
 
 
 @functools.cache
@@ -124,8 +105,12 @@ class Rule:
         return value, max(abs(value - other) for other in others)
 
 
-def scan(rule: Rule, points: int, rounds: int = 10) -> Found:
-    """The largest albedo: `points` (a power of 2) over the whole box, then `rounds` of denser ones around the best."""
+def scan(rule: Rule, points: int, rounds: int = 10) -> dict[str, Any]:
+    """The largest albedo: `points` (a power of 2) over the whole box, then `rounds` of denser ones around the best.
+
+    A record: ``value`` with the difference of three rules as its ``error``, and where. ``unbounded``: near grazing incidence,
+    where it grows on towards a cosine of 0. ``nonfinite``: how many were left out.
+    """
     from scipy.stats import qmc
 
     subject = rule.subject
@@ -172,6 +157,7 @@ def scan(rule: Rule, points: int, rounds: int = 10) -> Found:
     value, error = rule.at(parameters, float(cosine[0]), float(azimuth[0]))
     unbounded = cosine[0] < 100 * LEAST and value > 1.05 * rule.at(parameters, 1000 * LEAST, float(azimuth[0]))[0]
     seen = len(spread) + len(best) + len(starts) * rounds * len(cloud)
-    return Found(
-        value, error, parameters, float(cosine[0]), float(azimuth[0]), bool(unbounded), sum(left_out), seen, rule.evaluations
-    )
+    return {
+        "value": value, "error": error, "parameters": parameters, "cos_theta": float(cosine[0]), "azimuth": float(azimuth[0]),
+        "unbounded": bool(unbounded), "nonfinite": sum(left_out), "points": seen, "evaluations": rule.evaluations,
+    }  # fmt: skip
