@@ -225,11 +225,10 @@ def box(size: Sequence[float] = (1.0, 1.0, 1.0), cells: int | Sequence[int] = 1,
             tables[key] = _opposite(axis, edges, steps, counts) if axis == across else _adjacent(axis, across, steps, counts)
             error = max(error, float(np.max(tables[key].error)))
         table = tables[key].value
-        places = [np.arange(count) for count in counts]
-        here = dict(zip(_IN_PLANE[axis], np.meshgrid(*(places[p] for p in _IN_PLANE[axis]), indexing="ij"), strict=True))
-        there = dict(zip(_IN_PLANE[across], np.meshgrid(*(places[p] for p in _IN_PLANE[across]), indexing="ij"), strict=True))
-        here = {p: index.ravel()[:, None] for p, index in here.items()}
-        there = {p: index.ravel()[None, :] for p, index in there.items()}
+        here, there = (
+            dict(zip(plane, np.indices([counts[p] for p in plane]).reshape(2, *shape), strict=True))
+            for plane, shape in ((_IN_PLANE[axis], (-1, 1)), (_IN_PLANE[across], (1, -1)))
+        )
         if axis == across:
             p, q = _IN_PLANE[axis]
             block = table[abs(here[p] - there[p]), abs(here[q] - there[q])]

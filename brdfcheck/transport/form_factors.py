@@ -37,15 +37,12 @@ def parallel_rectangles(x: Any, y: Any, other_x: Any, other_y: Any, distance: An
     x, y, other_x, other_y = _intervals(x=x, y=y, other_x=other_x, other_y=other_y)
     z = _positive(distance, "distance")
 
-    def antiderivative(u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
+    def term(x: np.ndarray, y: np.ndarray, other_x: np.ndarray, other_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u, v = x - other_x, y - other_y
         s, t = np.hypot(u, z), np.hypot(v, z)
         # z^2 ln z, the same in all corners, is left out: it cancels, and its rounding would not.
         logarithm = 0.5 * z * z * np.log1p((u * u + v * v) / (z * z))
-        parts = np.broadcast_arrays(v * s * np.arctan(v / s), u * t * np.arctan(u / t), -logarithm)
-        return [part / (2 * np.pi) for part in parts]
-
-    def term(i: int, j: int, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-        parts = np.stack(antiderivative(x[..., i] - other_x[..., k], y[..., j] - other_y[..., m]))
+        parts = np.stack(np.broadcast_arrays(v * s * np.arctan(v / s), u * t * np.arctan(u / t), -logarithm)) / (2 * np.pi)
         return np.sum(parts, axis=0), np.sum(np.abs(parts), axis=0)
 
     return _alternating(term, x, y, other_x, other_y)
@@ -64,9 +61,8 @@ def perpendicular_rectangles(x: Any, y: Any, z: Any, other_y: Any) -> FormFactor
         if np.any(ends < 0):
             raise ValueError(f"{name} is a distance from the line where the planes meet, >= 0; got {np.min(ends):g}")
 
-    def term(i: int, j: int, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-        edge, height, v = x[..., i], z[..., k], y[..., j] - other_y[..., m]
-        square, s = edge * edge + height * height, np.hypot(edge, height)
+    def term(x: np.ndarray, y: np.ndarray, z: np.ndarray, other_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        v, square, s = y - other_y, x * x + z * z, np.hypot(x, z)
         total = square + v * v
         logarithm = np.log(np.where(total > 0, total, 1))
         # The rounding of the logarithm's argument does not go away where the logarithm does.
@@ -110,7 +106,7 @@ def _alternating(term: Callable[..., tuple[np.ndarray, np.ndarray]], *sides: np.
     area = (sides[0][..., 1] - sides[0][..., 0]) * (sides[1][..., 1] - sides[1][..., 0])
     total, size = np.asarray(0.0), np.asarray(0.0)
     for corner in itertools.product(range(2), repeat=4):
-        value, parts = term(*corner)
+        value, parts = term(*(side[..., end] for side, end in zip(sides, corner, strict=True)))
         total, size = total + (-1) ** sum(corner) * value, size + parts
     return FormFactor(*np.broadcast_arrays(total / area, _ROUNDING * _EPSILON * size / area))
 
