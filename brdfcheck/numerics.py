@@ -1,10 +1,27 @@
-"""Nodes and weights of Gauss and Legendre, to the last bit of float64."""
+"""Nodes and weights of Gauss and Legendre, to the last bit of float64; and arrays with a row for each of the same things."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
+from typing import Self
 
 import numpy as np
+
+
+class Columns:
+    """What dataclasses share whose fields are arrays with a row for each of the same things."""
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return iter(vars(self).values())
+
+    def taken(self, which: np.ndarray | slice) -> Self:
+        """Some of the rows."""
+        return type(self)(*(column[which] for column in self))
+
+    def joined(self, *others: Self) -> Self:
+        """These rows, then those of the others."""
+        return type(self)(*(np.concatenate(parts) for parts in zip(self, *others, strict=True)))
 
 
 @functools.cache

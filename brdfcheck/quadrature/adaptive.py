@@ -16,10 +16,12 @@ The box is cut across the axis to blame (`quadrature.cuts`).
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from brdfcheck.numerics import Columns
 from brdfcheck.quadrature.boxes import CENTRE, Boxes, Grid, Mesh, directions, initial_boxes
 from brdfcheck.quadrature.cuts import Cuts, halvings_of, pieces_of
 
@@ -99,7 +101,8 @@ class HemisphereIntegral(NamedTuple):
     mesh: Mesh  # the rule that gave the value, for BRDFs and incidences like this one
 
 
-class _Measured(NamedTuple):
+@dataclass(frozen=True)
+class _Measured(Columns):
     """What the rule says of each box."""
 
     value: np.ndarray  # (boxes, channels)
@@ -126,7 +129,7 @@ class _Integrand:
     def measure(self, boxes: Boxes) -> _Measured:
         most = _LARGEST_BATCH // len(_POINTS)
         parts = [self._measure(boxes.taken(slice(i, i + most))) for i in range(0, len(boxes.low), most)]
-        return _Measured(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return parts[0].joined(*parts[1:])
 
     def _measure(self, boxes: Boxes) -> _Measured:
         shape = len(boxes.low), len(_POINTS)
@@ -270,7 +273,7 @@ def integrate_hemisphere(
         fresh = integrand.measure(pieces)
         rest = np.delete(np.arange(len(share)), chosen)
         boxes, cuts = boxes.taken(rest).joined(pieces), cuts.taken(rest).joined(fresh_cuts)
-        found = _Measured(*(np.concatenate([old[rest], new]) for old, new in zip(found, fresh, strict=True)))
+        found = found.taken(rest).joined(fresh)
     value = found.value.sum(axis=0)
     error = found.error.sum(axis=0) + found.noise.sum(axis=0) + integrand.slivers(sine, float(cos_theta))
     converged = bool(np.all(error <= tolerance * np.maximum(np.abs(value), 1))) and integrand.nonfinite == 0

@@ -20,12 +20,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from brdfcheck.numerics import sine_cosine
+from brdfcheck.numerics import Columns, sine_cosine
 from brdfcheck.quadrature import circle
 
 CENTRE = 1e-6
@@ -41,7 +42,8 @@ _LOOKED = 20_000
 _PANELS = (1.2, 2.4, 5.0, 5.0)
 
 
-class Boxes(NamedTuple):
+@dataclass(frozen=True)
+class Boxes(Columns):
     """Boxes [low, low + size] of the coordinates (u, v) of a corner, or of (along, across) where it is plain."""
 
     low: np.ndarray  # (boxes, 2)
@@ -51,14 +53,6 @@ class Boxes(NamedTuple):
     # of the corner; which coordinate is bent (0 none, 1, 2; negative: from the far edge down), from what edge; and the cosine
     # of the light.
     patch: np.ndarray  # (boxes, 9)
-
-    def taken(self, which: np.ndarray | slice) -> Boxes:
-        """Some of the boxes."""
-        return Boxes(*(column[which] for column in self))
-
-    def joined(self, other: Boxes) -> Boxes:
-        """These boxes, then the others."""
-        return Boxes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     def pieces(self, axis: np.ndarray, stops: np.ndarray) -> Boxes:
         """The boxes cut across their `axis` (boxes,) at parts of their size (0 to 1): all first pieces, then all second."""

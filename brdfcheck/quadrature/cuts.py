@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
+from brdfcheck.numerics import Columns
 from brdfcheck.quadrature.boxes import Boxes
 
 # Cut in half; or in four, towards the lower end: each piece half as long as the one before, which stands for so many halvings.
@@ -16,7 +16,8 @@ _HALVINGS = 3
 _STREAK, _FEW = 2, 16
 
 
-class Cuts(NamedTuple):
+@dataclass(frozen=True)
+class Cuts(Columns):
     """How boxes came to be, which says how they are cut next."""
 
     # (boxes, 2): how often in a row each was the lower (negative) or the upper piece of a cut across either axis.
@@ -28,14 +29,6 @@ class Cuts(NamedTuple):
     def none(cls, count: int) -> Cuts:
         """Of boxes that were not cut."""
         return cls(np.zeros((count, 2), int), np.full(count, np.inf))
-
-    def taken(self, which: np.ndarray) -> Cuts:
-        """Some of the boxes."""
-        return Cuts(*(part[which] for part in self))
-
-    def joined(self, *others: Cuts) -> Cuts:
-        """These boxes, then the others."""
-        return Cuts(*(np.concatenate(part) for part in zip(self, *others, strict=True)))
 
     def ways(self, axis: np.ndarray, error: np.ndarray, enough: float) -> np.ndarray:
         """In which way to cut across axes (boxes,) where errors are so large: 0 in half, -1 and 1 in four towards an end.
@@ -60,7 +53,7 @@ class Cuts(NamedTuple):
             runs[np.arange(len(runs)), np.tile(axis[some], len(after))] = np.stack(after)[:, some].ravel()
             parts.append((boxes.taken(some).pieces(axis[some], stops), Cuts(runs, np.tile(error[some], len(after)))))
         pieces, cuts = zip(*parts, strict=True)
-        return functools.reduce(Boxes.joined, pieces), cuts[0].joined(*cuts[1:])
+        return pieces[0].joined(*pieces[1:]), cuts[0].joined(*cuts[1:])
 
 
 def pieces_of(ways: np.ndarray) -> np.ndarray:

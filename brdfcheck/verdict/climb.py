@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from brdfcheck.numerics import Columns
 from brdfcheck.verdict.box import Box
 
 Function = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -40,7 +40,7 @@ _SMALL = 1e-7
 
 
 @dataclass
-class Climbs:
+class Climbs(Columns):
     """Where climbs ended. `gaps`: how much higher their maxima may still be; `settled`: that this is known to be little."""
 
     places: np.ndarray  # (climbs, dimension)
@@ -57,24 +57,13 @@ class Climbs:
         """The gaps, 0 where no model has told any."""
         return np.where(np.isfinite(self.gaps), self.gaps, 0)
 
-    def taken(self, which: np.ndarray) -> Climbs:
-        """Some of the climbs."""
-        return Climbs(*(part[which] for part in vars(self).values()))
 
-
-class Trail(NamedTuple):
+@dataclass
+class Trail(Columns):
     """Where climbs were when they went on to the next rule, and how high by that: (climbs, dimension) and (climbs,)."""
 
     places: np.ndarray
     values: np.ndarray
-
-    def taken(self, which: np.ndarray) -> Trail:
-        """Some of the climbs."""
-        return Trail(self.places[which], self.values[which])
-
-    def joined(self, other: Trail) -> Trail:
-        """These, then the others."""
-        return Trail(np.concatenate([self.places, other.places]), np.concatenate([self.values, other.values]))
 
 
 def climb(

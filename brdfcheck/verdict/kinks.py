@@ -6,10 +6,12 @@ And the way up such a crest: by tangents on both sides of it, as in bundle metho
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from brdfcheck.numerics import Columns
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Climbs, Function
 from brdfcheck.verdict.surface import Surface
@@ -147,8 +149,8 @@ def top_of_crest(function: Function, box: Box, place: np.ndarray, error: float =
     known = _Tangents(np.zeros((0, dimension)), np.zeros(0), np.zeros((0, dimension)))
     while len(gains) < rounds and near >= _NEAREST and max(tops) - value > enough:
         around = np.concatenate([[0 * way, 0.5 * way, way], random.uniform(-1, 1, (2 * dimension - 1, dimension))])
-        fresh = _Tangents.taken(function, box, np.clip(place + near * around, low, high), near * _ARM, rounding)
-        known = fresh.joined(known).of(np.arange(len(fresh.values) + len(known.values))[:_KEPT])
+        fresh = _Tangents.near(function, box, np.clip(place + near * around, low, high), near * _ARM, rounding)
+        known = fresh.joined(known).taken(slice(_KEPT))
         tangents = known.touching(place, value, near, rounding)
         trials, found = fresh.places, fresh.values
         if len(tangents.values):
@@ -176,7 +178,8 @@ def top_of_crest(function: Function, box: Box, place: np.ndarray, error: float =
     return Top(box.kept(place[None])[0], value, gap if gap <= enough else max(gap, _UNFINISHED * sum(gains[-2:])))
 
 
-class _Tangents(NamedTuple):
+@dataclass(frozen=True)
+class _Tangents(Columns):
     """Tangents of a surface: where they touch it (tangents, dimension), its values there, and their slopes."""
 
     places: np.ndarray
@@ -184,7 +187,7 @@ class _Tangents(NamedTuple):
     slopes: np.ndarray
 
     @classmethod
-    def taken(cls, function: Function, box: Box, places: np.ndarray, arm: float, rounding: float) -> _Tangents:
+    def near(cls, function: Function, box: Box, places: np.ndarray, arm: float, rounding: float) -> _Tangents:
         """Those at some places, by differences over `arm` on both sides; none of which crosses a kink."""
         count, dimension = places.shape
         inner = np.where(box.periodic, places, np.clip(places, arm, 1 - arm))
@@ -195,12 +198,6 @@ class _Tangents(NamedTuple):
         bent = np.max(np.abs(up + down - 2 * middle[:, None]), axis=1)
         smooth = bent <= _BENT * arm * np.max(np.abs(slopes), axis=1) + 2 * rounding
         return cls(inner[smooth], middle[smooth], slopes[smooth])
-
-    def of(self, which: np.ndarray) -> _Tangents:
-        return _Tangents(*(part[which] for part in self))
-
-    def joined(self, other: _Tangents) -> _Tangents:
-        return _Tangents(*(np.concatenate(parts) for parts in zip(self, other, strict=True)))
 
     def touching(self, place: np.ndarray, value: float, near: float, rounding: float) -> _Tangents:
         """Those that pass closely above a place with a value.
@@ -215,7 +212,7 @@ class _Tangents(NamedTuple):
         highest = np.maximum(np.max(rise, axis=1, initial=-np.inf), -above)
         # From afar nothing else is believed than what has no curvature, or a curved crest would look like a top.
         allowed = np.where(beside, _BENT * size, _PART * _TOP) + rounding
-        return self.of((above < _SERVES * size) & (highest <= allowed))
+        return self.taken((above < _SERVES * size) & (highest <= allowed))
 
     def highest(
         self, place: np.ndarray, value: float, near: float, low: np.ndarray, high: np.ndarray

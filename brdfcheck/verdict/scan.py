@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from brdfcheck.numerics import Columns
 from brdfcheck.quadrature.anisotropy import CLEAN, TREMORS, apart
 from brdfcheck.quadrature.frozen import worst_channel
 from brdfcheck.verdict.surface import Surface
@@ -70,7 +71,7 @@ def _neighbours(places: np.ndarray, at: np.ndarray, count: int) -> tuple[np.ndar
 
 
 @dataclass
-class Points:
+class Points(Columns):
     """Scanned points: places in the cube, values, how far they may be off, and the level of the rule (levels: confirmed)."""
 
     places: np.ndarray
@@ -82,10 +83,6 @@ class Points:
     def reach(self) -> np.ndarray:
         """What the values may be."""
         return self.values + self.errors
-
-    def joined(self, other: Points) -> Points:
-        """These points, then the others."""
-        return Points(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(other).values(), strict=True)))
 
 
 class Scan:
