@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from brdfcheck.brdf.base import AbstractHalves, AbstractMicrofacetLobe
 from brdfcheck.geometry import safe_root
 from brdfcheck.quadrature.polar import Order, graded_gauss, grazing_safe, polar_nodes
-from brdfcheck.quadrature.rule import AbstractDigits, Raw, bar, checked_digits
+from brdfcheck.quadrature.rule import AbstractDigits, Raw, bar
 
 _TINY = 1e-18
 # How much larger than the difference of two rules the error may be: measured up to 3.4 for very rough facets.
@@ -40,10 +40,9 @@ class HalfVector(AbstractDigits):
     """Engine 2: two-dimensional over the half vector, for microfacet lobes.
 
     `digits`: the decimal digits aimed at, 9.6 by default. The error is six times the difference of two rules, and what was
-    aimed at. ValueError for digits that are not a number above 0, at most 16.
+    aimed at.
     """
 
-    digits: float = eqx.field(static=True)
     name: ClassVar[str] = "half-vector"
     family: ClassVar[str] = "half-vector"
     ladder: ClassVar[tuple[Any, ...]] = (1, 2, 3, 4, 5, 6, 8, 9)
@@ -52,9 +51,6 @@ class HalfVector(AbstractDigits):
     effort: ClassVar[int] = 1
     batch: ClassVar[int] = 1  # one incidence fills the cache; measured three times faster than sixteen at once
     chunk: ClassVar[int] = 64
-
-    def __init__(self, digits: float = -math.log10(2.5e-10)):
-        self.digits = checked_digits(digits)
 
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return isinstance(core, (AbstractMicrofacetLobe, AbstractHalves))

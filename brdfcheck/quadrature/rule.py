@@ -188,25 +188,25 @@ def checked_accuracy(value: Any, name: str = "rtol") -> float:
 class AbstractDigits(AbstractEngine):
     """An engine in pure JAX whose setting is a number of digits: its nodes are those at which the worst lobe has as many.
 
-    In a precision with fewer digits it aims at those that there are.
+    By default it aims at its best, and in a precision with fewer digits at those that there are. ValueError for digits that are
+    not a number above 0, at most 16.
     """
 
-    digits: eqx.AbstractVar[float]
+    digits: float = eqx.field(static=True)
+
+    def __init__(self, digits: float | None = None):
+        value = -math.log10(self.best) if digits is None else digits
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0 < value <= 16:
+            raise ValueError(f"digits must be a number above 0, at most 16; got {value!r}")
+        self.digits = float(value)
 
     @classmethod
     def at(cls, rtol: float | None) -> Self:
-        return cls(-math.log10(cls.best if rtol is None else checked_accuracy(rtol)))  # pyright: ignore[reportCallIssue]
+        return cls(None if rtol is None else -math.log10(checked_accuracy(rtol)))
 
     def within(self, dtype: Any) -> float:
         """The digits to aim at in a precision."""
         return min(self.digits, -math.log10(float(jnp.finfo(dtype).eps)) - 1)
-
-
-def checked_digits(value: Any) -> float:
-    """`value` as it is; ValueError where it is not a number above 0 and up to 16."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0 < value <= 16:
-        raise ValueError(f"digits must be a number above 0, at most 16; got {value!r}")
-    return float(value)
 
 
 class AbstractLightRule(AbstractRule):

@@ -16,14 +16,13 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar, final
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from brdfcheck.brdf.base import AbstractZonalLobe, Form
 from brdfcheck.quadrature.polar import EDGE_SHARE, Order, grazing_safe, polar_nodes
-from brdfcheck.quadrature.rule import AbstractDigits, Raw, bar, checked_digits
+from brdfcheck.quadrature.rule import AbstractDigits, Raw, bar
 
 
 @final
@@ -31,10 +30,8 @@ class Zonal(AbstractDigits):
     """Engine 1: exact azimuth, one-dimensional, for lobes about an axis.
 
     `digits`: the decimal digits aimed at, 12 by default. The error is the difference of two rules, and rounding.
-    ValueError for digits that are not a number above 0, at most 16.
     """
 
-    digits: float = eqx.field(static=True)
     name: ClassVar[str] = "zonal"
     family: ClassVar[str] = "zonal"
     ladder: ClassVar[tuple[Any, ...]] = (1, 2, 3, 4, 6, 8, 10, 12)
@@ -43,9 +40,6 @@ class Zonal(AbstractDigits):
     effort: ClassVar[int] = 0
     batch: ClassVar[int] = 256
     chunk: ClassVar[int] = 64
-
-    def __init__(self, digits: float = 12):
-        self.digits = checked_digits(digits)
 
     def applies(self, core: Any, cos_theta: Any) -> bool:
         return isinstance(core, AbstractZonalLobe)
