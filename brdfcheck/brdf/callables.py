@@ -62,7 +62,7 @@ def with_options_of(first: Any, second: Callable[..., Any]) -> Callable[..., Any
     return second
 
 
-class Evaluator:
+class Evaluator(Caller):
     """A family of BRDFs, ``build(**parameters) -> f(wi, wo)``, evaluated on arrays of directions.
 
     Four ways, of which the first that works is taken: one JAX program for all parameters; plain Python with numpy arrays, which
@@ -75,31 +75,18 @@ class Evaluator:
     """
 
     def __init__(self, build: Callable[..., Any], parameters: Mapping[str, float]):
-        self.names = tuple(parameters)
+        super().__init__(build, parameters)
         self.alone = False
         # Whether the program has been traced: by the thread that asks, for a function may read what belongs to that.
         self.traced = False
-        self._caller = caller = Caller(build, parameters)
-        self.slow, self.single, self.channels = caller.slow, caller.single, caller.channels
-        self._name, self._dtype = caller.name, caller.dtype
         self._options = understood(getattr(build, "compiler_options", None))
         self._fastest = np.inf
-        self.epsilon = float(jnp.finfo(self._dtype).eps)
+        self.epsilon = float(jnp.finfo(self.dtype).eps)
         most = max(1, min(_ROWS, _MOST_NUMBERS // (BLOCK * (self.channels or 1))))
         self._group = min(_GROUP_ON_CPU if jax.default_backend() == "cpu" else _GROUP, most)
         self._rows = most // self._group * self._group
         if not self.slow:
             self._compile()
-
-    @property
-    def function(self) -> Callable[..., Any]:
-        """Of a family without parameters, f for arrays of directions, as it is: no program."""
-        return self._caller.brdf(())
-
-    @property
-    def note(self) -> str | None:
-        """How the function is called, where that is not the usual way, and what another way of writing it gains."""
-        return self._caller.note
 
     def evaluated_alone(self) -> bool:
         """From now on evaluate each direction as if it were the only one. False where that would take forever (numpy)."""
@@ -116,8 +103,8 @@ class Evaluator:
         A table is an argument of a program: as a part of it, it would be compiled, and kept on disk with it.
         """
         if self.names:
-            return None, lambda _, parameters: self._caller.brdf(tuple(parameters[i] for i in range(len(self.names))))
-        large, rest = eqx.partition(self._caller.brdf(()), lambda leaf: eqx.is_array_like(leaf) and np.size(leaf) > _LARGE)
+            return None, lambda _, parameters: self.brdf(tuple(parameters[i] for i in range(len(self.names))))
+        large, rest = eqx.partition(self.brdf(()), lambda leaf: eqx.is_array_like(leaf) and np.size(leaf) > _LARGE)
         with double_precision():
             return jax.tree.map(jnp.asarray, large), lambda held, _: eqx.combine(held, rest)
 
@@ -132,9 +119,9 @@ class Evaluator:
             view = jnp.stack([c * wo[0] - s * wo[1], s * wo[0] + c * wo[1], wo[2]], axis=-1)
             if self.alone:
                 alone = jax.vmap(lambda i, o: jnp.reshape(function(i[None], o[None]), shape[2:]))
-                return alone(light, view).astype(self._dtype)
+                return alone(light, view).astype(self.dtype)
             values = jnp.asarray(function(light, view))
-            return (values if values.ndim else jnp.broadcast_to(values, (BLOCK,))).astype(self._dtype)
+            return (values if values.ndim else jnp.broadcast_to(values, (BLOCK,))).astype(self.dtype)
 
         group = self._group
         shape = (self._rows, BLOCK) if self.channels is None else (self._rows, BLOCK, self.channels)
@@ -151,7 +138,7 @@ class Evaluator:
                 found = jax.vmap(lambda wo, parameters, turn, wi: row(held, parameters, turn, wi, wo))(views, *some)
                 return jax.lax.dynamic_update_slice_in_dim(values, found, index * group, 0)
 
-            return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self._dtype))
+            return jax.lax.fori_loop(0, groups, step, jnp.zeros(shape, self.dtype))
 
         self.traced = False
         self._program = functools.partial(jax.jit(program, compiler_options=self._options), held)
@@ -271,7 +258,7 @@ class Evaluator:
             with calm():
                 values = np.asarray(self._program(-(-count // self._group), which, views, parameters, turn, light))[:count]
         except Exception as error:
-            raise Finding(f"{self._name} raised {told(error)}") from error
+            raise Finding(f"{self.name} raised {told(error)}") from error
         self._fastest = min(self._fastest, (time.perf_counter() - began) / count)
         self.traced |= wi.ndim == 2
         return values.reshape(count, BLOCK, -1)
@@ -299,10 +286,10 @@ class Evaluator:
         return evaluate
 
     def _numpy_call(self, parameters: np.ndarray, wi: np.ndarray, wo: np.ndarray, *, own: bool = False) -> np.ndarray:
-        values = self._caller.called(parameters, wi, wo, own=own)
-        channels = self._caller.shape_of(values, len(wi))
+        values = self.called(parameters, wi, wo, own=own)
+        channels = self.shape_of(values, len(wi))
         if channels is not None and channels != self.channels:
-            raise Finding(f"{self._name} returned {self.channels or 1} channels for 2 directions, {channels} for {len(wi)}")
+            raise Finding(f"{self.name} returned {self.channels or 1} channels for 2 directions, {channels} for {len(wi)}")
         values = values if values.dtype.kind == "f" else values.astype(float)
         return (values if values.ndim else np.broadcast_to(values, len(wi))).reshape(len(wi), -1)
 
@@ -374,7 +361,7 @@ class Evaluator:
                 with calm():
                     values = np.asarray(program([np.asarray(value) for value in place], wi, wo))
             except Exception as error:
-                raise Finding(f"{self._name} raised {told(error)}") from error
+                raise Finding(f"{self.name} raised {told(error)}") from error
             return np.broadcast_to(values, (len(wi),) if values.ndim == 0 else values.shape).reshape(len(wi), -1)
 
         return evaluate

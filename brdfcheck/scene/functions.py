@@ -39,7 +39,7 @@ class Function(AbstractBRDF):
         found = Evaluator(constant(call), {})
         if found.channels not in (None, 1, 3):
             raise ValueError(f"{name} has {found.channels} channels; a scene takes 1, or 3: R, G and B")
-        self.call, self.many, self.name = call, found.function, name
+        self.call, self.many, self.name = call, found.brdf(()), name
         self.folded = isinstance(call, Folded)
         self.traced, self.colored = not found.slow, found.channels == 3
 
