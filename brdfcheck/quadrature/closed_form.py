@@ -106,7 +106,7 @@ class ClosedForm(AbstractRule):
         normal = cos_theta is not None and (isinstance(cos_theta, Tracer) or bool(np.all(np.asarray(cos_theta) == 1)))
         return normal and exact_factor(core) is not None
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any = None) -> Raw:
         status = jnp.asarray(OK)
         if isinstance(core, Lambert):
             value = core.reflectance * jnp.ones_like(mu)

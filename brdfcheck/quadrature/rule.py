@@ -98,7 +98,7 @@ class AbstractRule(eqx.Module):
         return True
 
     @abc.abstractmethod
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any = None) -> Raw:
         """The albedo of a BRDF without wrappers at one cosine."""
 
     @property
@@ -173,10 +173,6 @@ class AbstractEngine(AbstractRule):
     def at(cls, rtol: float | None) -> Self:
         """The engine at a relative accuracy, None for its best. ValueError where that is not between 0 and 1."""
 
-    @abc.abstractmethod
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any = None) -> Raw:
-        """The albedo of a BRDF without wrappers at one cosine."""
-
 
 def checked_accuracy(value: Any, name: str = "rtol") -> float:
     """`value` as a float; ValueError where it is not between 0 and 1."""
@@ -227,7 +223,7 @@ class AbstractLightRule(AbstractRule):
     def seen(self, core: Any, wi: Float[Array, " 3"], key: Any) -> Raw:
         """The albedo of a BRDF without wrappers from one direction to the light, at the azimuth 0 or 180 degrees."""
 
-    def integrate(self, core: Any, mu: Float[Array, ""], key: Any) -> Raw:
+    def integrate(self, core: Any, mu: Float[Array, ""], key: Any = None) -> Raw:
         if not isinstance(mu, Tracer):  # no derivative in it
             return self.seen(core, light(mu), key)
         facts: list[Any] = []
@@ -351,17 +347,13 @@ def _of_one_type(brdf: Any, cos_theta: Any) -> tuple[Any, Array]:
         if not np.all((values >= 0) & (values <= 1)):  # also refuses NaN
             raise ValueError(f"cos_theta must lie in [0, 1]; got {cos_theta}")
     known = [] if not isinstance(brdf, AbstractBRDF) else jax.tree.leaves(brdf)
-    types = [leaf.dtype for leaf in known if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)]
-    if hasattr(cos_theta, "dtype") and jnp.issubdtype(cos_theta.dtype, jnp.floating) and not _weak(cos_theta):
+    types = [leaf.dtype for leaf in known if _floating(leaf)]
+    if _floating(cos_theta) and not getattr(cos_theta, "weak_type", False):
         types.append(cos_theta.dtype)
     dtype = jnp.dtype(np.result_type(*types) if types else jnp.asarray(0.0).dtype)
     if isinstance(brdf, AbstractBRDF):
         brdf = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if _floating(leaf) else leaf, brdf)
     return brdf, jnp.asarray(cos_theta).astype(dtype)
-
-
-def _weak(value: Any) -> bool:
-    return bool(getattr(value, "weak_type", False))
 
 
 def _floating(leaf: Any) -> bool:

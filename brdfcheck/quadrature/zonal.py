@@ -64,19 +64,12 @@ def weighted(xp: Any, profile: Any, versine: Any, weight: Any) -> tuple[Any, Any
     Shapes: (..., nodes) twice, (..., rules, nodes) -> (...) twice.
     """
     epsilon = float(xp.finfo(versine.dtype).eps)
-    sums = weighted_sums(xp, profile, weight)
+    # An overflow of the profile meets weights that are 0, those of the other rule; the sum is infinite all the same, not NaN.
+    sums = (weight @ profile[..., None])[..., 0]
+    sums = xp.where(xp.any(xp.isinf(profile), axis=-1)[..., None], xp.inf, sums)
     # Towards 90 degrees the nodes keep absolute, not relative, accuracy in cos: only the unclamped lobe notices.
     rounding = xp.sum(xp.abs(weight[..., 0, :] * profile / xp.maximum(1 - versine, epsilon)), axis=-1)
     return sums[..., 0], bar(sums[..., 0], sums[..., 1], 4 * epsilon * rounding, xp=xp)
-
-
-def weighted_sums(xp: Any, profile: Any, weight: Any) -> Any:
-    """The albedo by each rule, with `xp` numpy or jax.numpy: (..., nodes), (..., rules, nodes) -> (..., rules).
-
-    An overflow of the profile meets weights that are 0, those of the other rule; the sum is infinite all the same, not NaN.
-    """
-    sums = (weight @ profile[..., None])[..., 0]
-    return xp.where(xp.any(xp.isinf(profile), axis=-1)[..., None], xp.inf, sums)
 
 
 def zonal_weights(
