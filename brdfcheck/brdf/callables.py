@@ -26,9 +26,10 @@ BLOCK = 1144
 """Directions of a row: what a program takes for one incidence. Rows must begin at multiples of `ALIGNED` bytes."""
 # Rows a program takes, and how many at a time: it stops where a request ends. So a function compiles one program, whatever is
 # asked, and a small request is cheap. On a CPU a row at a time stays in the fastest memory and on one core: XLA gains nothing
-# by sharing so little work out. The rows may be any of so many more rows of directions, the `_TABLE`.
+# by sharing so little work out. The rows may be any of so many more rows of directions, the `TABLE`.
 _ROWS, _GROUP, _GROUP_ON_CPU = 64, 64, 1
-_TABLE = 256
+TABLE = 256
+"""Of how many rows of directions `sums` chooses without a copy."""
 # Seconds for a row from which on threads are worth their while.
 _HEAVY = 7e-5
 # Bytes at whose multiples an array must begin for XLA to use it where it lies.
@@ -148,14 +149,9 @@ class Evaluator(Caller):
         """True where a program spends so much time on a row that threads gain more by sharing rows than Python's lock costs."""
         return self.traced and self._fastest > _HEAVY
 
-    @property
-    def at_once(self) -> int:
-        """Of how many rows of directions `sums` chooses without a copy."""
-        return _TABLE
-
     def space(self, rows: int) -> np.ndarray:
         """Room for the directions of so many rows, (3, at least rows, BLOCK): what a program takes as it is, without a copy."""
-        space = aligned((3, rows + _TABLE, BLOCK))  # what is not written to costs no memory
+        space = aligned((3, rows + TABLE, BLOCK))  # what is not written to costs no memory
         space[:, rows : rows + self._group] = 1 / np.sqrt(3)  # evaluated with the last group
         return space
 
@@ -182,7 +178,7 @@ class Evaluator(Caller):
 
         parameters (points, names), wi (points, 3), azimuth (points,): by how much the directions are turned. Of tables of
         directions, wo (3, rows, BLOCK), of at least tables x blocks rows, and weight (tables, blocks, sums, BLOCK), `which`
-        (points,) says the one of each point; tables of more than `at_once` rows are copied. What is not finite counts as 0.
+        (points,) says the one of each point; tables of more than `TABLE` rows are copied. What is not finite counts as 0.
         `note` is called with (points, wo, values, finite, weight) of each piece that holds a value below 0 or one that is not
         finite: shapes (rows,), (rows, 3, BLOCK), (rows, BLOCK, channels) twice, (rows, BLOCK).
         """
@@ -244,7 +240,7 @@ class Evaluator(Caller):
                 ]
             return np.concatenate(calls).reshape(count, BLOCK, -1)
         # Where each direction has a light of its own there is no table to choose from.
-        size, first = _TABLE if wi.ndim == 2 else self._rows, int(mine.min())
+        size, first = TABLE if wi.ndim == 2 else self._rows, int(mine.min())
         if int(mine.max()) - first < size:
             wo, mine = wo[:, first:], mine - first
         else:  # rows from all over a table that no program takes as a whole

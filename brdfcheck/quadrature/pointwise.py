@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from brdfcheck.brdf.base import AbstractBRDF
-from brdfcheck.brdf.callables import BLOCK, Evaluator, with_options_of
+from brdfcheck.brdf.callables import BLOCK, TABLE, Evaluator, with_options_of
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
@@ -340,7 +340,7 @@ class PointwiseAlbedo:
             pieces = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
         else:
             order = np.argsort(mu, kind="stable")
-            most = max(1, min(evaluator.at_once // rows, -(-len(mu) // cores)))
+            most = max(1, min(TABLE // rows, -(-len(mu) // cores)))
             pieces = [order[i : i + most] for i in range(0, len(mu), most)]
         if not evaluator.traced and len(pieces) > 1:
             piece(pieces.pop(0))

@@ -12,7 +12,7 @@ vector about N, and dwo = 4 (wi.H) dH.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,13 +26,6 @@ from brdfcheck.quadrature.rule import light
 # The power-like lobes say width = 1/sqrt(n + 0.05).
 _WIDTH_OFFSET = 0.05
 _TINY = 1e-18
-
-
-class Sampled(NamedTuple):
-    """Directions wo (k, 3) and the Jacobian that takes a density about the axis to one in wo: (k,), 0 where useless."""
-
-    wo: Array
-    jacobian: Array
 
 
 def has_axis(core: Any) -> bool:
@@ -91,25 +84,28 @@ class LobeGeometry:
 
     # Directions.
 
-    def directions(self, versine: Array, azimuth: Array) -> Sampled:
-        """wo at an angle and an azimuth about the axis; the azimuth 0 leads to +x in the half form."""
+    def directions(self, versine: Array, azimuth: Array) -> tuple[Array, Array]:
+        """wo at an angle and an azimuth about the axis (the azimuth 0 leads to +x in the half form), and the Jacobian.
+
+        That takes a density about the axis to one in wo, and is 0 where wo is useless.
+        """
         versine, azimuth = jnp.broadcast_arrays(versine, azimuth)
         sine, cosine = safe_root(versine * (2 - versine)), 1 - versine
         x, y = sine * jnp.cos(azimuth), sine * jnp.sin(azimuth)
         mu, root = self.mu, self.wi[0]
         if self.about_mirror:
             wo = jnp.stack([mu * x - root * cosine, y, root * x + mu * cosine], axis=-1)
-            return Sampled(wo, jnp.where(wo[..., 2] > 0, 1, 0).astype(mu.dtype))
+            return wo, jnp.where(wo[..., 2] > 0, 1, 0).astype(mu.dtype)
         half = jnp.stack([x, y, cosine], axis=-1)
         incident = x * root + cosine * mu
         wo = 2 * incident[..., None] * half - self.wi
         useful = (incident > 0) & (wo[..., 2] > 0)
-        return Sampled(wo, jnp.where(useful, 4 * incident, 0))
+        return wo, jnp.where(useful, 4 * incident, 0)
 
-    def angle(self, wo: Array) -> Sampled:
-        """For given directions: their versines about the axis (in place of wo), and the Jacobian."""
+    def angle(self, wo: Array) -> tuple[Array, Array]:
+        """For given directions: their versines about the axis, and the Jacobian."""
         wi = jnp.broadcast_to(self.wi, wo.shape)
         if self.about_mirror:
             versine = geometry.mirror_versine(wi, wo)
-            return Sampled(versine, jnp.ones_like(versine))
-        return Sampled(geometry.half_versine(wi, wo), 4 * geometry.half_cosine(wi, wo))
+            return versine, jnp.ones_like(versine)
+        return geometry.half_versine(wi, wo), 4 * geometry.half_cosine(wi, wo)

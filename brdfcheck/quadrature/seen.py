@@ -13,12 +13,12 @@ _STEEP = 1e-5
 
 
 class Place(NamedTuple):
-    """A value of the BRDF and where it was seen: parameters and directions."""
+    """Where a value of the BRDF was seen, parameters and directions, and the value."""
 
-    value: float
     parameters: tuple[float, ...]
     wi: tuple[float, ...]
     wo: tuple[float, ...]
+    value: float
 
 
 @dataclass
@@ -41,7 +41,7 @@ class Seen:
 
         def place(index: tuple[np.intp, ...], value: float) -> Place:
             row, node, _ = index
-            return Place(value, tuple(parameters[row].tolist()), tuple(wi[row].tolist()), tuple(wo[row, :, node].tolist()))
+            return Place(tuple(parameters[row].tolist()), tuple(wi[row].tolist()), tuple(wo[row, :, node].tolist()), value)
 
         with self._lock:
             # Where both directions graze, rounding alone makes a sign: such pairs are for the side checks, which know of it.

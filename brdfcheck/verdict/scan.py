@@ -186,7 +186,7 @@ class Scan:
                 told = apart(here, there, clean)
             albedo.anisotropic = bool(np.any(told))
         if not albedo.anisotropic:
-            surface.without_azimuth()
+            surface.box = surface.box.changed(turning=False)
             points.places = points.places[:, :-1]
 
     def _turned(self, places: np.ndarray, *angles: float) -> np.ndarray:

@@ -186,16 +186,10 @@ def side_checks(albedo: PointwiseAlbedo, worst: dict[str, float]) -> SideChecks:
     below = max(_SCANNED_NOTHING, nothing)
     if seen.smallest is not None and seen.smallest.value < -below and not seen.smallest.value >= minimum:
         minimum = seen.smallest.value
-        lowest = Witness(seen.smallest.parameters, seen.smallest.wi, seen.smallest.wo, minimum, folded=folded)
+        lowest = Witness(*seen.smallest, folded=folded)
     if seen.first_nonfinite is not None:
         nonfinite += seen.nonfinite
-        broken = broken or Witness(
-            seen.first_nonfinite.parameters,
-            seen.first_nonfinite.wi,
-            seen.first_nonfinite.wo,
-            seen.first_nonfinite.value,
-            folded=folded,
-        )
+        broken = broken or Witness(*seen.first_nonfinite, folded=folded)
     return SideChecks(
         float(told[where]),
         minimum,

@@ -150,10 +150,6 @@ class Surface:
         """TwoSided where the albedo at a place is not that of one side of the plane of incidence, if that is what is taken."""
         self.albedo.confirm_sides(*self._physical(place[None], False))
 
-    def without_azimuth(self) -> None:
-        """From now on without an axis for the azimuth."""
-        self.box = self.box.changed(turning=False)
-
     def unknown(self) -> bool:
         """True where the albedo is not a number at more than single angles, beside which it is one."""
         if not self._lost:
