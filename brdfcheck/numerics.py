@@ -54,6 +54,12 @@ def averaging(count: int, panels: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return x**3, 6 * x**5 * np.tile(weights, panels) / panels
 
 
+def unit_vectors(cosine: np.ndarray | float, azimuth: np.ndarray | float = 0.0, axis: int = -1) -> np.ndarray:
+    """Directions at polar angles with these cosines and at azimuths (radians); their components lie along `axis`."""
+    sine = np.sqrt((1 - cosine) * (1 + cosine))
+    return np.stack(np.broadcast_arrays(sine * np.cos(azimuth), sine * np.sin(azimuth), cosine), axis=axis)
+
+
 def sine_cosine(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of angles in [-pi/2, pi/2], by the tangent of their half: to 5e-16 of the sine, and of 1.
 

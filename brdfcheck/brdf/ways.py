@@ -20,6 +20,7 @@ from jax.core import Tracer
 
 from brdfcheck.brdf.blame import INDEXING, Finding, of_arrays, told
 from brdfcheck.brdf.calling import answers_one_by_one, called_one_by_one, directional, name_of, traced_one_by_one
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.runtime import double_precision
 
 _log = logging.getLogger("brdfcheck")
@@ -311,6 +312,5 @@ def sample(count: int = _SAMPLES) -> tuple[np.ndarray, np.ndarray]:
     cosine, azimuth = random.uniform(0.3, 0.95, (2, _SAMPLES)), random.uniform(0, 2 * np.pi, (2, _SAMPLES))
     # Some are near the mirror direction, where a sharp lobe is not zero.
     cosine[1, ::3], azimuth[1, ::3] = cosine[0, ::3] * 1.01, azimuth[0, ::3] + np.pi + 0.01
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    wi, wo = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    wi, wo = unit_vectors(cosine, azimuth)
     return wi[:count], wo[:count]

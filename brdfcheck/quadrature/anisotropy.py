@@ -6,6 +6,7 @@ import numpy as np
 
 from brdfcheck.brdf.callables import BLOCK, Evaluator
 from brdfcheck.brdf.family import examples
+from brdfcheck.numerics import unit_vectors
 
 TREMORS = np.array([0, 3e-7, 1e-6, -2e-6, -5e-7, 2.3e-6, -3.1e-6, 1.7e-6])
 """Turns (radians) that change nothing but how values round."""
@@ -56,7 +57,7 @@ class _Pairs:
         return self._values(2 * self.azimuth - self.away + angle, angle)
 
     def _values(self, away: np.ndarray, angle: np.ndarray | float) -> np.ndarray:
-        wi, wo = _directions(self.cosine, self.azimuth + angle), _directions(self.other, away)
+        wi, wo = unit_vectors(self.cosine, self.azimuth + angle, axis=0), unit_vectors(self.other, away, axis=0)
         return self.evaluator.rows(self.parameters, wi, wo)
 
 
@@ -111,9 +112,3 @@ def turns_with_the_surface(evaluator: Evaluator, ranges: list[tuple[float, float
             return True
         here, there = (np.stack([pairs.turned(angle + step) for step in TREMORS]) for angle in (0.0, pairs.turn))
         return bool(np.count_nonzero(apart(here, there, change.clean) & told) >= _SECTOR)
-
-
-def _directions(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Unit vectors, shape (3, rows, directions)."""
-    sine = np.sqrt((1 - cosine) * (1 + cosine))
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from typing import Any, ClassVar, Self, final
 
@@ -15,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from brdfcheck.brdf.base import AbstractBRDF
 from brdfcheck.brdf.callables import Evaluator, constant
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.quadrature.adaptive import integrate_hemisphere
 from brdfcheck.quadrature.boxes import Mesh
 from brdfcheck.quadrature.limit import grazing_limit
@@ -133,14 +133,13 @@ def adaptive_albedo(
     cosines, azimuths = np.broadcast_arrays(np.asarray(cos_theta, float), np.asarray(azimuth, float))
     values, errors, count = [], [], 0
     for mu, turn in zip(cosines.ravel(), azimuths.ravel(), strict=True):
-        answer = evaluate(_light(0.5, turn), np.array([[0.0, 0.0, 1.0]]))
+        answer = evaluate(unit_vectors(0.5, turn)[None], np.array([[0.0, 0.0, 1.0]]))
         # A function that computes in float32 cannot be integrated to 1e-8; trying would only cost evaluations.
         tolerance = max(rtol, ROUNDING * float(jnp.finfo(answer.dtype).eps))
 
         def at(mu: float, turn: float = float(turn), tolerance: float = tolerance) -> tuple[np.ndarray, np.ndarray]:
             nonlocal count
-            wi = _light(mu, turn)
-            beside = _Beside(evaluate, wi)
+            beside = _Beside(evaluate, unit_vectors(mu, turn)[None])
             result = integrate_hemisphere(beside, mu, turn, tolerance=tolerance, max_evaluations=max_evaluations, half=half)
             count += result.evaluations
             keep(mu, result.mesh)
@@ -154,11 +153,6 @@ def adaptive_albedo(
     shape = cosines.shape + np.shape(values[0]) if values else cosines.shape
     engine = "adaptive (numpy)" if slow else "adaptive"
     return Albedo(np.reshape(values, shape), np.reshape(errors, shape), np.asarray(count), engine)  # pyright: ignore[reportArgumentType]
-
-
-def _light(mu: float, azimuth: float) -> np.ndarray:
-    sine = math.sqrt((1 - mu) * (1 + mu))
-    return np.array([[sine * math.cos(azimuth), sine * math.sin(azimuth), mu]])
 
 
 class _Beside:

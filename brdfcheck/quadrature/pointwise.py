@@ -20,6 +20,7 @@ from brdfcheck.brdf.callables import BLOCK, TABLE, Evaluator, with_options_of
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.tables import AbstractTable, reread, table_in
 from brdfcheck.cores import available_cores, side_by_side
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.quadrature.albedo import paired_lobes
 from brdfcheck.quadrature.anisotropy import CLEAN, has_two_sides, turns_with_the_surface
 from brdfcheck.quadrature.boxes import Mesh
@@ -297,8 +298,7 @@ class PointwiseAlbedo:
         rows = -(-size // BLOCK)
         # Sums by each rule, and the difference of the sides.
         sums_of = len(rules) + watched
-        sine = np.sqrt((1 - mu) * (1 + mu))
-        wi = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=1)
+        wi = unit_vectors(mu, azimuth)
         value = np.zeros((sums_of, len(mu), evaluator.channels or 1))
         unknown: set[int] = set()
 

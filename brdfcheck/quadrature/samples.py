@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 
 TIMES = 3
@@ -52,8 +53,7 @@ def albedos(
     solid = np.sin(half) * (np.pi * x[:, None]) * (2 * np.pi / (len(x) * len(turn)))
     found = []
     for mu, phi in zip(np.maximum(cos_theta, GRAZING), azimuth, strict=True):
-        sine = np.sqrt((1 - mu) * (1 + mu))
-        wi = np.array([sine * np.cos(phi), sine * np.sin(phi), mu])
+        wi = unit_vectors(mu, phi)
         cosine = normal @ wi
         wo = 2 * cosine[..., None] * normal - wi
         # dwo = 4 (wi.H) dH

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.quadrature.graded import GradedRule
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 
@@ -28,12 +29,11 @@ def rounding(albedo: PointwiseAlbedo, parameters: Mapping[str, float], cosine: f
     assert evaluator is not None
     bound = evaluator.bind({name: parameters[name] for name in albedo.swept})
     mu = max(cosine, GRAZING)
-    sine = np.sqrt((1 - mu) * (1 + mu))
     wo, share = np.empty((3, 1, _RULE.size)), np.empty((1, _RULE.size))
     _RULE.fill(np.array([mu]), wo, share)
     c, s = np.cos(azimuth), np.sin(azimuth)
     out = np.stack([c * wo[0, 0] - s * wo[1, 0], s * wo[0, 0] + c * wo[1, 0], wo[2, 0]], axis=1)
-    light = np.tile([sine * c, sine * s, mu], (len(out), 1))
+    light = np.tile(unit_vectors(mu, azimuth), (len(out), 1))
     random = np.random.default_rng(29)
     still = bound(light, out).reshape(len(out), -1)
     largest = 0.0

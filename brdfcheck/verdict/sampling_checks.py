@@ -9,6 +9,7 @@ import numpy as np
 
 from brdfcheck.brdf.family import Family, corners
 from brdfcheck.brdf.two_sides import BELOW, sides_of
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.quadrature.albedo import albedo as integrated
 from brdfcheck.quadrature.functions import adaptive_albedo
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
@@ -43,11 +44,6 @@ def places(albedo: PointwiseAlbedo, worst: Mapping[str, float]) -> list[dict[str
     return [dict(zip(ranges, values, strict=True)) for values in dict.fromkeys(found)]
 
 
-def light(cosine: float) -> np.ndarray:
-    """The direction (3,) with this cosine, at azimuth 0."""
-    return np.array([np.sqrt((1 - cosine) * (1 + cosine)), 0.0, cosine])
-
-
 def density_integrals(brdf: Any, cosine: float) -> tuple[float, float, float]:
     """The integral of the density above the surface, the one below, and the error bar of their sum."""
 
@@ -65,7 +61,7 @@ def density_integrals(brdf: Any, cosine: float) -> tuple[float, float, float]:
 def weight_gap(brdf: Any, cosine: float) -> float:
     """The median of |weight x density - f |cos|| over samples, as a share of f |cos|; 0 where nothing is sampled."""
     numbers = np.random.default_rng(17).uniform(0, 1, (_SAMPLES, 3))
-    out, weight, density, flux = brdf.samples(np.tile(light(cosine), (_SAMPLES, 1)), numbers)
+    out, weight, density, flux = brdf.samples(np.tile(unit_vectors(cosine), (_SAMPLES, 1)), numbers)
     with np.errstate(all="ignore"):
         scale = np.max(np.abs(flux), axis=1)
         gap = np.max(np.abs(weight * density[:, None] - flux), axis=1) / np.maximum(scale, 1e-30)
@@ -107,7 +103,7 @@ def sides(albedo: PointwiseAlbedo, parameters: Mapping[str, float], cosine: floa
     Of the channel that reflects and transmits most. Only the sides that the family looks at.
     """
     family, found = albedo.family, []
-    wi = light(max(cosine, _NEAR_GRAZING))[None]
+    wi = unit_vectors(max(cosine, _NEAR_GRAZING))[None]
     for below in sides_of(family):
         numbers = {**parameters, BELOW: below} if BELOW in family.ranges else dict(parameters)
         brdf, reflection = family.build(**numbers), (family.pointwise or family.build)(**numbers)

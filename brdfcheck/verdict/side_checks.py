@@ -13,6 +13,7 @@ from brdfcheck.brdf.callables import BLOCK, Evaluator, in_rows
 from brdfcheck.brdf.factors import Normalized
 from brdfcheck.brdf.family import corners
 from brdfcheck.brdf.two_sides import below_surface
+from brdfcheck.numerics import unit_vectors
 from brdfcheck.quadrature.albedo import lobe_values
 from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.quadrature.samples import TIMES
@@ -40,29 +41,25 @@ def direction_pairs() -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(7)
     count = 96
 
-    def unit(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-        sine = np.sqrt((1 - cosine) * (1 + cosine))
-        return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
-
     def turn() -> np.ndarray:
         return random.uniform(0, 2 * np.pi, count)
 
     cosine, azimuth = random.uniform(0, 1, count), turn()
     grazing = 10 ** random.uniform(-6, -2, count)
-    light = unit(cosine, azimuth)
+    light = unit_vectors(cosine, azimuth)
     straight = np.tile([0.0, 0.0, 1.0], (count, 1))
     nearby = np.clip(cosine + random.normal(0, 0.02, count), 1e-3, 1)
     pairs = [
-        (light, unit(random.uniform(0, 1, count), turn())),
-        (light, unit(cosine, azimuth + np.pi)),
-        (light, unit(nearby, azimuth + np.pi + random.normal(0, 0.02, count))),
+        (light, unit_vectors(random.uniform(0, 1, count), turn())),
+        (light, unit_vectors(cosine, azimuth + np.pi)),
+        (light, unit_vectors(nearby, azimuth + np.pi + random.normal(0, 0.02, count))),
         (light, light),
-        (straight, unit(random.uniform(0, 1, count), turn())),
+        (straight, unit_vectors(random.uniform(0, 1, count), turn())),
         (straight, straight),
-        (unit(grazing, azimuth), unit(random.uniform(0, 1, count), turn())),
-        (unit(grazing, azimuth), straight),
-        (unit(grazing, azimuth), unit(grazing[::-1], turn())),
-        (unit(grazing, azimuth), unit(grazing, azimuth + np.pi)),
+        (unit_vectors(grazing, azimuth), unit_vectors(random.uniform(0, 1, count), turn())),
+        (unit_vectors(grazing, azimuth), straight),
+        (unit_vectors(grazing, azimuth), unit_vectors(grazing[::-1], turn())),
+        (unit_vectors(grazing, azimuth), unit_vectors(grazing, azimuth + np.pi)),
     ]
     return np.concatenate([wi for wi, _ in pairs]), np.concatenate([wo for _, wo in pairs])
 
