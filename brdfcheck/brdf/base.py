@@ -15,6 +15,7 @@ A lobe says where it lives (its width, its support, the angles at which its form
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 from typing import Any, ClassVar, Literal, get_args
 
 import equinox as eqx
@@ -69,6 +70,14 @@ def checked_number(value: object, name: str, low: float = 0.0, high: float = np.
 def of_type(tree: Any, dtype: Any) -> Any:
     """A BRDF, or what else holds arrays, with its floating-point numbers in the type `dtype`: all is in one precision then."""
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)
+
+
+def structure_of(build: Callable[..., Any], /, *numbers: Any, **parameters: Any) -> Any:
+    """What a factory builds, with shapes in place of numbers; None where it needs numbers, or fails."""
+    try:
+        return eqx.filter_eval_shape(build, *numbers, **parameters)
+    except Exception:  # whatever it does with numbers that tracers are not
+        return None
 
 
 class _Whole(eqx.Module):

@@ -75,16 +75,11 @@ def arguments_of(core: Any) -> dict[str, Any]:
 
 def _whole_fields(family: Family) -> list[str]:
     """The whole numbers that the lobe of a family is built from, such as the k of the binomial power."""
-    import equinox as eqx
     import jax
 
-    from brdfcheck.brdf.base import AbstractBRDF
+    from brdfcheck.brdf.base import AbstractBRDF, structure_of
 
-    shapes = {name: jax.ShapeDtypeStruct((), "float32") for name in family.ranges}
-    try:
-        built = eqx.filter_eval_shape(family.build, **shapes)
-    except Exception:  # the factory needs numbers, not tracers
-        return []
+    built = structure_of(family.build, **{name: jax.ShapeDtypeStruct((), "float32") for name in family.ranges})
     given = arguments_of(built.core) if isinstance(built, AbstractBRDF) else {}
     return [name for name, value in given.items() if type(value) is int]
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
-from brdfcheck.brdf.base import AbstractBRDF
+from brdfcheck.brdf.base import AbstractBRDF, structure_of
 from brdfcheck.brdf.blame import Finding, told
 from brdfcheck.brdf.calling import name_of
 from brdfcheck.brdf.factors import has_engine, refuse_batched
@@ -48,13 +47,11 @@ class Members:
 
     def _find_kind(self, family: Family) -> None:
         scalars = {name: jnp.asarray(0.5 * low + 0.5 * high, float) for name, (low, high) in family.ranges.items()}
-        try:
-            kind = eqx.filter_eval_shape(self._build, **scalars)
-        except Exception:  # the factory needs numbers
-            self.traced = False
-        else:
+        kind = structure_of(self._build, **scalars)
+        if kind is not None:
             self.kind = kind if has_engine(kind) else None
             return
+        self.traced = False
         try:
             for place in examples(list(family.ranges.values())):
                 self.kind = self._member(place)

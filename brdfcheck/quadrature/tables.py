@@ -28,7 +28,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.base import AbstractZonalLobe
+from brdfcheck.brdf.base import AbstractZonalLobe, structure_of
 from brdfcheck.brdf.factors import has_engine
 from brdfcheck.brdf.family import Family, NoRange
 from brdfcheck.brdf.subject import as_target
@@ -324,8 +324,5 @@ def _structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:
 
 @functools.lru_cache(maxsize=64)
 def _known_structure(brdf_of_n: Callable[..., Any], dtype: np.dtype) -> Any:
-    try:
-        shape = eqx.filter_eval_shape(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
-    except Exception:  # needs numbers, not tracers: the rows one by one
-        return None
+    shape = structure_of(brdf_of_n, jax.ShapeDtypeStruct((), dtype))
     return shape if has_engine(shape) else None
