@@ -11,7 +11,8 @@ import numpy as np
 
 from brdfcheck.brdf.family import Family
 from brdfcheck.fits.compensation import Lookup
-from brdfcheck.quadrature.pointwise import Frozen, PointwiseAlbedo
+from brdfcheck.quadrature.frozen import Frozen
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.runtime import double_precision
 from brdfcheck.verdict.report import Report, judge, reported
 from brdfcheck.verdict.supremum import supremum
