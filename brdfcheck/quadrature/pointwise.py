@@ -68,8 +68,9 @@ class PointwiseAlbedo:
     `engine` is the engine, `engine_name` what reports call it, `table` what a table looks up in (None for anything else).
     `anisotropic` says whether the azimuth matters, `two_sided` that the BRDF was seen to differ on the two sides of the plane
     of incidence. Where it is the same on both, `mirrored` has it taken on one of them: `look_at_sides` sets that, and
-    `confirm_sides` looks again. `evaluations` counts those of the BRDF, `epsilon` is the rounding of its values. Parameters
-    whose range is one value are held: the BRDF is built with that number. Raises Finding where a user's BRDF fails.
+    `confirm_sides` looks again. `proved`: somebody has proved that it never exceeds 1. `evaluations` counts those of the BRDF,
+    `epsilon` is the rounding of its values. Parameters whose range is one value are held: the BRDF is built with that number.
+    Raises Finding where a user's BRDF fails.
     """
 
     def __init__(self, family: Family):
@@ -77,7 +78,7 @@ class PointwiseAlbedo:
         self.names = tuple(family.ranges)
         self.swept = tuple(name for name, (low, high) in family.ranges.items() if low < high)
         self.evaluations = 0
-        self.anisotropic = self.two_sided = self.mirrored = False
+        self.anisotropic = self.two_sided = self.mirrored = self.proved = False
         self.seen = Seen()
         self._held = {name: low for name, (low, high) in family.ranges.items() if low == high}
         self._columns = [self.names.index(name) for name in self.swept]

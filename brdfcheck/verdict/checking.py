@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.core
@@ -28,6 +28,8 @@ from brdfcheck.verdict.surface import Watch
 
 _log = logging.getLogger("brdfcheck")
 
+# By how much a quick estimate is above a line where the albedo surely is.
+_FAR = 0.01
 # A proof of so many boxes takes 0.2 s at most.
 _BOXES = 100
 
@@ -103,8 +105,14 @@ def check_family(
     checks: list[Check] = []
     albedo: PointwiseAlbedo | None = None
     doubt: Doubt | None = None
+    # What is proved of the family: False before that is asked.
+    proof: Verdict | Literal[False] | None = False
     try:
         albedo = PointwiseAlbedo(family)
+        provable = albedo.evaluator is None and not albedo.one_of_many and tolerance >= 0
+        if provable and not _far_above(albedo, 1 + tolerance):
+            proof = _proof(family)
+            albedo.proved = proof is Verdict.CONSERVES
         if albedo.evaluator is not None:
             # What reads a family says itself how it is evaluated.
             notes += [albedo.evaluator.note] if albedo.evaluator.note and not family.notes else []
@@ -146,10 +154,8 @@ def check_family(
             verdict = Verdict.UNDECIDED  # nothing that is negative throughout conserves or violates anything
         elif tolerance >= 0 and albedo is not None and albedo.evaluator is None:
             # Of what is above 1, or not: a proof says nothing about a lower line. For a violation one point is enough.
-            violates, runs = verdict is Verdict.VIOLATES, any(low < high for low, high in family.ranges.values())
-            proof = _proof(family, worst.parameters) if violates else None
-            if proof is None and (runs or not violates):  # of one BRDF that has been asked
-                proof = _proof(family)
+            of_one = _proof(family, worst.parameters) if verdict is Verdict.VIOLATES and not proof else None
+            proof = of_one or (_proof(family) if proof is False else proof)
             if verdict is Verdict.VIOLATES and proof is Verdict.VIOLATES:
                 worst = replace(worst, basis="proof")
             elif verdict is not Verdict.VIOLATES and np.isfinite(worst.value) and proof is Verdict.CONSERVES:
@@ -173,6 +179,16 @@ def check_family(
         effort=effort,
         seconds=time.perf_counter() - start,
     )
+
+
+def _far_above(albedo: PointwiseAlbedo, line: float) -> bool:
+    """True where a few members of a family are so far above a line that no proof of the contrary need be tried."""
+    places = np.array(examples(list(albedo.family.ranges.values())))
+    low, high = albedo.family.cos_theta
+    cosines = np.repeat([high, (low + high) / 2, low + (high - low) / 20], len(places))
+    with np.errstate(all="ignore"):
+        value, _ = albedo.estimate(np.tile(places, (3, 1)), cosines, np.zeros(len(cosines)), 0)
+    return bool(np.any(value > line + _FAR))
 
 
 def _proof(family: Family, place: Mapping[str, float] | None = None) -> Verdict | None:

@@ -40,7 +40,7 @@ _SCALE = {"quick": 0.25, "normal": 1.0, "thorough": 4.0}
 # What a function that is called for each pair of directions is given of each: by the second of them it takes minutes.
 _ONE_BY_ONE = {"quick": "quick", "normal": "quick", "thorough": "normal"}
 _STARTS = 40
-# The part of the points that are scanned where a theorem has the verdict.
+# The part of the points that are scanned where a theorem or a proof has the verdict.
 _BOUNDED = 1 / 16
 # How many of the highest points are confirmed then before any climb, and how near to 1 is as high as can be.
 _HIGHEST, _TOP = 4, 1e-9
@@ -139,9 +139,9 @@ class _Search:
     def __init__(self, albedo: PointwiseAlbedo, threshold: float, rtol: float | None, effort: str, axial: bool, watch: Watch):
         # What a climb allows for where a kink may run across the axes.
         self.crest = 0.0 if axial else CREST
-        self.bounded = albedo.bounded and threshold >= 1
+        self.bounded = (albedo.bounded or albedo.proved) and threshold >= 1
         self.costly = albedo.family.surface is not None
-        # Where the verdict is a theorem's, only the value is left to look for.
+        # Where the verdict is a theorem's, or that of a proof, only the value is left to look for.
         self.threshold, self.scale = threshold, _SCALE[affordable(effort, albedo)]
         if self.bounded:
             self.scale *= _BOUNDED / 4 if self.costly else _BOUNDED
@@ -403,10 +403,12 @@ class _Search:
     def answer(self, settled: bool) -> Supremum:
         """`settled`: the last scan found nothing higher."""
         surface, winners = self.surface, self.winners
-        never_above = NEVER_ABOVE_ONE if surface.albedo.family.surface is None else NEVER_ABOVE_ONE_IN_ALL
+        theorem = NORMAL_IS_WORST if surface.theorem else None
+        if theorem is None and self.bounded and surface.albedo.bounded:
+            theorem = NEVER_ABOVE_ONE if surface.albedo.family.surface is None else NEVER_ABOVE_ONE_IN_ALL
         common = {
-            "basis": "theorem" if surface.theorem or self.bounded else "search",
-            "theorem": NORMAL_IS_WORST if surface.theorem else never_above if self.bounded else None,
+            "basis": "search" if theorem is None else "theorem",
+            "theorem": theorem,
             "points": surface.count,
             "climbs": self.climbs,
             "width": (width := self.scan.width(self.resolved)),
