@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from selection import few
 
-from _instruments.stability import LOBES, MICROFACETS
+from _instruments.stability.references import LOBES, MICROFACETS
 from brdfcheck.brdf.factors import KuijkBlakeExact, SchlickExact, TruncatedPowerExact, exact_factor
 from brdfcheck.brdf.lobes import Lambert
 from brdfcheck.quadrature.tables import albedo_table

@@ -398,7 +398,7 @@ vec3 BRDF(vec3 L, vec3 V, vec3 N, vec3 X, vec3 Y)
     assert report.verdict.name == "VIOLATES"
     assert report.albedo == pytest.approx(1.125, abs=1e-9)
     assert report.parameters["gain"] == 1
-    assert set(report.width) == {"angle", "cell"}, "between the two values of a switch there is nothing to miss"
+    assert set(report.width) == {"angle", "cell", "view"}, "between the two values of a switch there is nothing to miss"
     quiet = brdfcheck.check(path, n=(3, 3), gain=(0, 0), cos_theta=(1, 1), effort="quick")
     assert quiet.verdict.name == "CONSERVES"
     assert quiet.albedo == pytest.approx(0.5, abs=1e-9)
