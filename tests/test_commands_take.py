@@ -264,7 +264,7 @@ def test_a_sweep_of_a_shader_with_options(run: Run, files: Path) -> None:
     [
         ("half = false", None),
         ("half = [true, false]", None),
-        ("half = 0.5", "half is a bool: 0, 1 or 0:1"),
+        ("half = 0.5", "half is a bool: 0, 1 or 0:1; got 0.5"),
         ('half = "x"', "a.brdf: half takes numbers; got 'x'"),
     ],
 )

@@ -67,8 +67,12 @@ def interval(name: str, bounds: Any) -> tuple[float, float]:
 
 def not_whole(name: str, parameter: str, bounds: tuple[float, float]) -> UsageError:
     """What is said of a whole number that is given a range or a fraction, to be raised."""
-    low, high = bounds
-    return UsageError(f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {low:g}:{high:g}")
+    return UsageError(f"{name}: {parameter} is a whole number: give one, as in --over {parameter}=2; got {shown(bounds)}")
+
+
+def shown(bounds: tuple[float, float]) -> str:
+    """A range as one gives it: LO:HI, or a number."""
+    return ":".join(f"{bound:g}" for bound in dict.fromkeys(bounds))
 
 
 def no_range(name: str, parameters: Sequence[str], advice: str = "") -> NoRange:

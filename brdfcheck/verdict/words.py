@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from brdfcheck.brdf.family import shown
 from brdfcheck.messages import one_line
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def angles_text(report: Report, degree: str) -> str:
 
 def ranges_text(ranges: Any) -> str:
     """The box of parameters, as ``--over`` takes it."""
-    return " ".join(f"{name}={low:g}" if low == high else f"{name}={low:g}:{high:g}" for name, (low, high) in ranges.items())
+    return " ".join(f"{name}={shown(bounds)}" for name, bounds in ranges.items())
 
 
 def interval_text(report: Report) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from brdfcheck.brdf.family import interval, no_range, not_whole
+from brdfcheck.brdf.family import interval, no_range, not_whole, shown
 from brdfcheck.brdf.readers.glsl.arithmetic import convert
 from brdfcheck.brdf.readers.glsl.kinds import Scalar, Struct, Type, Vector, kind_of
 from brdfcheck.brdf.values import Part
@@ -161,7 +161,7 @@ def _settled(settings: Settings, knob: Knob, name: str, bounds: Any, places: Ite
     if kind in ("int", "uint") and (low != high or low != int(low)):
         raise not_whole(spec, name, (low, high))
     if kind == "bool" and not {low, high} <= {0.0, 1.0}:
-        raise UsageError(f"{spec}: {name} is a bool: 0, 1 or 0:1; got {low:g}:{high:g}")
+        raise UsageError(f"{spec}: {name} is a bool: 0, 1 or 0:1; got {shown((low, high))}")
     for i in places:
         settings.parts[knob.name][i] = low if low == high else name
     if low < high:
