@@ -492,6 +492,26 @@ def test_init_lists_what_it_finds_and_runs_nothing(run: Run, write: Write, here:
     assert tomllib.loads(whole)["subjects"][2]["over"] == {"alpha": [0.05, 1], "k": [0, 1]}
 
 
+OURS = """
+    import brdfcheck as bc
+    from brdfcheck import Factor, Phong as P
+    a = P(10)
+    b = bc.lobes.Lambert(0.5)
+    family = bc.load("phong", n=(1, 50))
+    factor, report, _hidden = Factor(2, 3), bc.check(a), P(3)
+    hers = bc.check(a)
+    def made(n):
+        return bc.Normalized(P(n), Factor(2, 6.3))
+    """
+
+
+def test_init_lists_what_is_made_of_this_package(run: Run, write: Write, here: Path) -> None:
+    write("ours.py", OURS)
+    run.passed("init")
+    found = tomllib.loads((here / "brdfcheck.toml").read_text())["subjects"]
+    assert [subject["target"] for subject in found] == ["ours.py:a", "ours.py:b", "ours.py:family", "ours.py:made"]
+
+
 def test_init_adds_to_a_pyproject(run: Run, write: Write, here: Path) -> None:
     path = write("pyproject.toml", '[project]\nname = "x"  # kept')
     run.passed("init")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import functools
+import inspect
 import json
 import os
 from collections.abc import Iterator
@@ -72,8 +74,21 @@ def _read(folder: Path, name: str) -> Found:
     return Found(name, family.name, {}, remark=f"over the ranges of the file: {ranges}" if ranges else "")
 
 
+@functools.cache
+def _makers() -> set[str]:
+    """The names in this package of what makes BRDFs."""
+    from brdfcheck.brdf import factors, lobes, microfacet, mixtures, transmission
+    from brdfcheck.brdf.base import AbstractBRDF, AbstractBSDF
+
+    rooms = (factors, lobes, microfacet, mixtures, transmission)
+    every = [(name, value) for room in rooms for name, value in vars(room).items() if inspect.isclass(value)]
+    return {"load", "bsdf", "Family"} | {name for name, value in every if issubclass(value, (AbstractBRDF, AbstractBSDF))}
+
+
 def _python(path: Path, name: str) -> Iterator[Found]:
-    """The public functions and classes of a Python file that look like BRDFs by their arguments, or make such, or ours."""
+    """What in a Python file looks like a BRDF: public functions and classes by their arguments, or because they make such, or
+    ours; and what is made of ours.
+    """
     from brdfcheck.brdf.calling import geometry
     from brdfcheck.brdf.subject import USUAL_RANGES
 
@@ -83,17 +98,25 @@ def _python(path: Path, name: str) -> Iterator[Found]:
         yield Found(name, None, {}, remark=f"{type(error).__name__}: {one_line(error)}")
         return
 
+    imports = [node for node in body if isinstance(node, ast.Import | ast.ImportFrom)]
+    # What names of this package are called in the file, and under which it is imported itself.
     ours = {
-        alias.asname or alias.name
-        for node in body
-        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "brdfcheck"
+        alias.asname or alias.name: alias.name.rpartition(".")[2]
+        for node in imports
         for alias in node.names
+        if (getattr(node, "module", None) or alias.name).partition(".")[0] == "brdfcheck"
     }
 
+    def is_ours(value: ast.expr | None) -> bool:
+        """True for ``Phong(10)``, ``brdfcheck.lobes.Phong(10)``, ``brdfcheck.load(...)``."""
+        called = value.func if isinstance(value, ast.Call) else None
+        root, name = called, getattr(called, "attr", None)
+        while isinstance(root, ast.Attribute):
+            root = root.value
+        return isinstance(root, ast.Name) and root.id in ours and (name or ours[root.id]) in _makers()
+
     def makes_ours(function: ast.FunctionDef) -> bool:
-        returned = [part.value for part in ast.walk(function) if isinstance(part, ast.Return)]
-        called = [part.func for part in returned if isinstance(part, ast.Call)]
-        return any(isinstance(part, ast.Name) and part.id in ours for part in called)
+        return any(is_ours(part.value) for part in ast.walk(function) if isinstance(part, ast.Return))
 
     def directions(function: ast.FunctionDef | ast.Lambda, skip: int = 0) -> set[str]:
         return geometry(argument.arg for argument in function.args.args[skip:])
@@ -108,7 +131,10 @@ def _python(path: Path, name: str) -> Iterator[Found]:
 
     for node in body:
         needed: list[str] | None = None
-        if isinstance(node, ast.FunctionDef):
+        if isinstance(node, ast.Assign) and is_ours(node.value):
+            targets = [target.id for target in node.targets if isinstance(target, ast.Name)]
+            yield from (Found(name, f"{name}:{target}", {}) for target in targets if not target.startswith("_"))
+        elif isinstance(node, ast.FunctionDef):
             inner = [part for part in ast.walk(node) if isinstance(part, ast.FunctionDef | ast.Lambda) and part is not node]
             if directions(node):
                 needed = [name for name in parameters(node, 0) if name not in directions(node)]
