@@ -509,7 +509,8 @@ def test_init_lists_what_is_made_of_this_package(run: Run, write: Write, here: P
     write("ours.py", OURS)
     run.passed("init")
     found = tomllib.loads((here / "brdfcheck.toml").read_text())["subjects"]
-    assert [subject["target"] for subject in found] == ["ours.py:a", "ours.py:b", "ours.py:family", "ours.py:made"]
+    ours = [name for subject in found if (name := subject["target"]).startswith("ours.py")]
+    assert ours == ["ours.py:a", "ours.py:b", "ours.py:family", "ours.py:made"]
 
 
 def test_init_adds_to_a_pyproject(run: Run, write: Write, here: Path) -> None:
