@@ -110,7 +110,7 @@ def check_family(
     try:
         albedo = PointwiseAlbedo(family)
         provable = albedo.evaluator is None and not albedo.one_of_many and tolerance >= 0
-        if provable and not _far_above(albedo, 1 + tolerance):
+        if provable and (albedo.bounded or not _far_above(albedo, 1 + tolerance)):
             proof = _proof(family)
             albedo.proved = proof is Verdict.CONSERVES
         if albedo.evaluator is not None:
