@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from brdfcheck.brdf import catalog
-from brdfcheck.brdf.factors import AbstractFactor, Factor, Normalized
+from brdfcheck.brdf.factors import AbstractFactor, Constant, Factor, Normalized
 from brdfcheck.brdf.family import Family
 from brdfcheck.brdf.lobes import BlinnPhong, Lambert, Phong
 from brdfcheck.brdf.microfacet import GGX
 from brdfcheck.quadrature.members import Members, OtherKind
+from brdfcheck.quadrature.pointwise import PointwiseAlbedo
 from brdfcheck.verdict import Verdict, check
+from brdfcheck.verdict.supremum import NORMAL_IS_WORST
 
 POINTS = np.array([[3.0, 0.25], [7.0, 0.5], [11.0, 0.75]])
 
@@ -116,12 +118,12 @@ def test_members_of_a_factory_that_needs_numbers_are_built_one_by_one() -> None:
 
 def test_a_factory_that_needs_numbers_is_checked_by_the_engine_of_its_lobe() -> None:
     report = check(checked, n=(1, 100))
-    assert (report.engine, report.verdict, report.basis) == ("zonal", Verdict.CONSERVES, "search")
+    assert (report.engine, report.verdict, report.theorem) == ("zonal", Verdict.CONSERVES, NORMAL_IS_WORST)
     assert report.albedo == pytest.approx(1, abs=1e-12)
     assert report.error < 1e-12
 
 
-def test_no_theorem_is_taken_from_a_member_for_others() -> None:
+def test_no_theorem_about_numbers_is_taken_from_a_member_for_others() -> None:
     """A Python factory may hold other numbers elsewhere: no single one of its members tells that none is above 1."""
 
     def build(alpha: float) -> GGX:
@@ -166,3 +168,20 @@ def test_a_search_that_meets_another_kind_late_begins_again_as_of_functions() ->
     assert report.engine.startswith("adaptive")
     assert report.verdict is Verdict.VIOLATES
     assert report.albedo == pytest.approx(1.5, abs=1e-4)
+
+
+def test_an_albedo_that_meets_another_kind_late_goes_on_as_one_of_functions() -> None:
+    albedo = PointwiseAlbedo(Family("x", narrow_kind, {"n": (1.0, 100.0)}))
+    assert albedo.fast
+    value, _ = albedo(np.array([[3.0], [50.02]]), np.ones(2), np.zeros(2))
+    np.testing.assert_allclose(value, [1, 1.5], rtol=1e-7)
+    assert not albedo.fast
+
+
+def test_a_kink_in_a_factory_that_needs_numbers_costs_no_digits() -> None:
+    report = check(lambda n: Normalized(Phong(max(float(n), 5.0)), Constant((n + 13.6) / 60)), n=(1, 30))
+    exact = (5 + 13.6) / 60 * 2 * np.pi / 7  # at the kink
+    assert report.albedo == pytest.approx(exact, rel=1e-10)
+    assert report.error < 1e-10
+    assert report.parameters["n"] == pytest.approx(5, abs=1e-6)
+    assert report.theorem == NORMAL_IS_WORST

@@ -63,7 +63,7 @@ class Members:
         numbers = dict(zip(self._names, map(float, place), strict=True))
         try:
             brdf = self._build(**numbers)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise Finding(f"{self._called(numbers)} raised {told(error)}") from error
         if not has_engine(brdf) or (self.kind is not None and _form(brdf) != _form(self.kind)):
             raise OtherKind(f"{self._called(numbers)} is of another kind than what is built elsewhere: {name_of(brdf)}")

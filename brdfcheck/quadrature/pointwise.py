@@ -6,6 +6,7 @@ what a verdict rests on. For RGB families the value at a point is that of the wo
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable
 from dataclasses import replace
@@ -158,8 +159,8 @@ class PointwiseAlbedo:
 
     @property
     def _kind(self) -> AbstractBRDF | None:
-        """What all members of the family are, for theorems; None where each is known only when it is built."""
-        return self._members.kind if self._members.traced and self.evaluator is None else None
+        """What all members of the family are, whatever their numbers."""
+        return self._members.kind if self.evaluator is None else None
 
     @property
     def one_of_many(self) -> bool:
@@ -174,12 +175,14 @@ class PointwiseAlbedo:
     @functools.cached_property
     def bounded(self) -> bool:
         """True for BRDFs whose albedo never exceeds 1, by theorem: by their structure, and the numbers that they hold."""
-        return self._kind is not None and self._kind.bounded and self.family.build(**self._middle).bounded
+        if self._kind is None or self.one_of_many or not self._kind.bounded:
+            return False
+        return self.family.build(**self._middle).bounded
 
     def brdfs(self, parameters: np.ndarray) -> Any:
         """The family's members at `parameters` (points, names) as one BRDF with batched leaves (engines 1 and 2).
 
-        OtherKind where they are of several kinds: from then on they are functions.
+        OtherKind where they are of several kinds: from then on they are functions, and `engine` is another one.
         """
         try:
             return self._members(parameters)
@@ -198,7 +201,9 @@ class PointwiseAlbedo:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Like a call, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
         if self.evaluator is None:
-            return self._engines(parameters, cos_theta, rtol)
+            with contextlib.suppress(OtherKind):
+                return self._engines(parameters, cos_theta, rtol)
+        assert self.evaluator is not None
         return self._adaptive(self.evaluator, parameters, cos_theta, azimuth, rtol or self.best)
 
     @property
@@ -234,7 +239,9 @@ class PointwiseAlbedo:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Like `estimate`, channel by channel: (points, channels), or (points,) for a BRDF of one number."""
         if self.evaluator is None:
-            return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
+            with contextlib.suppress(OtherKind):
+                return self._engines(parameters, cos_theta, _QUICK_RTOL if level + 1 < self.levels else None)
+        assert self.evaluator is not None
         mu, sides = np.maximum(cos_theta, GRAZING), 1 if self.mirrored and not both else 2
         watched = sides == 2 and level == 0 and not (self.anisotropic or self.two_sided)
         found = self._graded(self.evaluator, parameters, mu, azimuth, *_LEVELS[sides][level], watched=watched)

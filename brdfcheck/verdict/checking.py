@@ -121,7 +121,10 @@ def check_family(
             findings += _batches(albedo)
         every = albedo.evaluator.channels if albedo.evaluator is not None else None
         albedo, channels = searched(albedo)
+        engine = albedo.engine
         worst = supremum(albedo, threshold=1 + tolerance, rtol=rtol, intervals=intervals, effort=effort, watch=watch)
+        if albedo.engine is not engine:  # what was met late
+            notes += [albedo.evaluator.note] if albedo.evaluator and albedo.evaluator.note else []
         if albedo.anisotropic:
             notes.append("anisotropic: the maximum runs over the azimuth of incidence too")
         if is_single(albedo) and np.isfinite(worst.value):

@@ -69,6 +69,7 @@ class Confirmation:
         ends.places[:] = self.surface.snapped(ends.places)
         gaps = ends.known_gaps
         if self.surface.fast:  # the rule of the climb is that of a verdict
+            self._crests(ends, gaps, ends.kinked & (ends.values + gaps > self.winners.least), ends.errors)
             self._add(ends.places, ends.values, ends.errors, None, gaps=gaps, settled=ends.settled, climbed=True)
             return
         value, error, asked = self._resolved(ends.places)
@@ -77,9 +78,8 @@ class Confirmation:
         worth = np.flatnonzero((error < _ROUGH) & (value + 3 * error > best - 1e-6))
         worth = worth[np.argsort(-value[worth])][:2]
         kinked = ends.kinked & (error < _ROUGH) & (value + gaps > self.winners.least)
-        for index in np.setdiff1d(np.flatnonzero(kinked), worth):
-            near = self.surface, ends.places[index], float(ends.radii[index]), float(error[index])
-            gaps[index] = min(gaps[index], crest(*near)[0])
+        kinked[worth] = False
+        self._crests(ends, gaps, kinked, error)
         # Where the quick rule is far off, its climb is none: what counts is the place, and what is found by better rules.
         off = np.abs(ends.values - np.where(np.isfinite(value), value, ends.values))
         blind = (off > _BLIND) & (off > gaps)
@@ -94,6 +94,12 @@ class Confirmation:
         if self.surface.grazes:
             places = np.concatenate([ends.places[worth], self.winners.places[-1:]])
             self.limits(places[places[:, self.surface.angle] < GRAZES])
+
+    def _crests(self, ends: Climbs, gaps: np.ndarray, which: np.ndarray, error: np.ndarray) -> None:
+        """Make gaps smaller where the jumps of the slopes at a kink say that its crest goes no higher."""
+        for index in np.flatnonzero(which):
+            near = self.surface, ends.places[index], float(ends.radii[index]), float(error[index])
+            gaps[index] = min(gaps[index], crest(*near)[0])
 
     def _resolved(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Albedos of some places, the more accurate the higher: what is clearly lower than the best needs no digits.

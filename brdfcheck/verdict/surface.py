@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from brdfcheck.quadrature.frozen import worst_channel
+from brdfcheck.quadrature.members import OtherKind
 from brdfcheck.quadrature.pointwise import GRAZING, PointwiseAlbedo
 from brdfcheck.verdict.box import Box
 from brdfcheck.verdict.climb import Function
@@ -40,7 +41,7 @@ class Surface:
 
     def __init__(self, albedo: PointwiseAlbedo, rtol: float | None, watch: Watch):
         family = albedo.family
-        self.albedo, self._watch = albedo, watch
+        self.albedo, self._watch, self._engine = albedo, watch, albedo.engine
         rtol = albedo.best if rtol is None and albedo.table is not None else rtol
         self.theorem = albedo.monotone and family.cos_theta[1] == 1
         # A function may turn out to be anisotropic in a place where it was not asked: scans look at all azimuths.
@@ -94,6 +95,7 @@ class Surface:
         self.count += len(places)
         with np.errstate(all="ignore"):
             value, error = self.albedo.estimated_channels(*self.box.physical(places), level, both=both)
+        self._unchanged()
         unknown = np.isnan(value)
         if len(self._lost) < _LOST and np.any(unknown):
             lost = np.flatnonzero(np.any(unknown.reshape(len(places), -1), axis=1))
@@ -104,7 +106,14 @@ class Surface:
         """At the accuracy of a verdict; at grazing incidence the limit, or for a function just before it."""
         self.count += len(places)
         with np.errstate(all="ignore"):
-            return self.albedo(*self._physical(places, limit), rtol=rtol)
+            found = self.albedo(*self._physical(places, limit), rtol=rtol)
+        self._unchanged()
+        return found
+
+    def _unchanged(self) -> None:
+        """OtherKind where the family turned out to be one of functions."""
+        if self.albedo.engine is not self._engine:
+            raise OtherKind
 
     def beside(self, place: np.ndarray, rtol: float, *, limit: bool = False) -> tuple[float, float, Function]:
         """Value and error at a place, and the albedo near it as a smooth function, which is as accurate unless that is dear.
