@@ -103,7 +103,7 @@ def lobe_values(cores: AbstractZonalLobe, versine: np.ndarray, batch: int) -> np
     count = len(jax.tree.leaves(cores)[0])
     cells = jax.tree.map(lambda leaf: np.asarray(leaf)[np.minimum(np.arange(batch), count - 1)], cores)
     breaks, _, amplitude = (np.asarray(part) for part in _extents(cells))
-    width = breaks.shape[-1] * sum(order.circle + order.cut for order in Zonal().orders(versine.dtype))
+    width = breaks.shape[-1] * sum(order.circle + order.cut for order in Zonal.at(None).orders(versine.dtype))
     blocks = -(-len(versine) // width)
     folded = np.pad(versine, (0, blocks * width - len(versine))).reshape(blocks, width)
     rows = []

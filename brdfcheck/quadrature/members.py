@@ -42,6 +42,7 @@ class Members:
         self.traced = True
         self.kind: AbstractBRDF | None = None
         self._find_kind(family)
+        refuse_batched(self.kind)
         # By the precision of JAX, in which constants are.
         self._wires: dict[Any, tuple[Any, list[tuple[int | None, Any]]] | None] = {}
 
@@ -67,7 +68,6 @@ class Members:
             raise Finding(f"{self._called(numbers)} raised {told(error)}") from error
         if not has_engine(brdf) or (self.kind is not None and _form(brdf) != _form(self.kind)):
             raise OtherKind(f"{self._called(numbers)} is of another kind than what is built elsewhere: {name_of(brdf)}")
-        refuse_batched(brdf)
         return brdf
 
     def _called(self, numbers: Mapping[str, float]) -> str:
