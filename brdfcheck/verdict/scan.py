@@ -40,7 +40,7 @@ _TURNS, _SUSPECTS = (0.0, 2.4), 64
 
 @functools.cache
 def _prepare() -> None:
-    """Import a tree for the neighbours of many points beside other work: it takes a quarter of a second."""
+    """Import a tree for the neighbours of many points, and of directions, beside other work: it takes a quarter of a second."""
     threading.Thread(target=importlib.import_module, args=("scipy.spatial",), daemon=True).start()
 
 
@@ -94,7 +94,7 @@ class Scan:
         self._count = int(_POINTS[min(swept + surface.albedo.anisotropic, 3)] * scale)
         if surface.fast and not surface.albedo.one_of_many:
             self._count = max(self._count // (4 if surface.theorem or not swept else 2), 257)
-        if self._count > _FEW and swept + surface.albedo.anisotropic:
+        if not surface.fast or (self._count > _FEW and swept):
             _prepare()
         self._cosines = max(int(_COSINES * min(1, 2 * scale)), 257)
         box = surface.box
