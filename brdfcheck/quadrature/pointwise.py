@@ -164,7 +164,7 @@ class PointwiseAlbedo:
 
     @property
     def one_of_many(self) -> bool:
-        """True where members are lobes of which one says nothing about the next: their factory cannot be traced."""
+        """True where members are lobes of one kind whose numbers say nothing about the next: JAX cannot trace the factory."""
         return self.evaluator is None and not self._members.traced
 
     @property
